@@ -1,18 +1,18 @@
-"""Light fields by wave optics, on any OpenCL device: the names of a first week.
+"""Light fields by wave optics on any OpenCL device.
 
-Everything else is public one step down, by topic:
+This module holds the most used names. All others are in topics:
 
 wave          fields, propagation, optical elements, systems of them, coherence
 lightfield    calibrate, decode, views, refocus, focal stacks, depth
-cameras       scenes and plenoptic cameras: where the two towers meet
+cameras       scenes and plenoptic cameras
 microscopy    point images, projector, deconvolution of the light-field microscope
-analysis      what a camera resolves; cameras compared
-io            files in and out
+analysis      resolution of cameras, comparison of cameras
+io            reading and writing files
 plot          figures
 batch         many light fields: jobs, their items, workers
-torch, jax    operators with gradients in programs of PyTorch and JAX, where these are installed
+torch, jax    operators with gradients for PyTorch and JAX, if installed
 
-Names and topics are imported when they are asked for; the stub beside this file lists them.
+Names and topics are imported on first use; the stub ``__init__.pyi`` lists them.
 """
 
 from lazy_loader import attach_stub

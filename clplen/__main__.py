@@ -1,4 +1,4 @@
-"""``python -m clplen`` is the command ``clplen``."""
+"""Entry point of ``python -m clplen``, equal to the command ``clplen``."""
 
 from clplen.cli import main
 

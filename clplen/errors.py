@@ -1,21 +1,21 @@
-"""The errors and the warning that clplen raises.
+"""Exceptions and warnings of clplen.
 
 ::
 
     Exception
-      ClplenError            catch this one to catch all of them
+      ClplenError            base class of all of them
         DeviceError          no such OpenCL device, two devices mixed, too little memory
-        KernelBuildError     an OpenCL compiler refused a kernel (.source and .log say why)
+        KernelBuildError     an OpenCL compiler rejected a kernel (see .source and .log)
         SamplingError        a field, phase or transfer function would be aliased
-        ShapeError           arrays, grids or view counts that do not fit together
-        FormatError          a file that is missing, truncated or not what it should be
+        ShapeError           arrays, grids or view counts do not match
+        FormatError          a file is missing, truncated or of another format
 
     Warning
       UserWarning
-        SamplingWarning      what SamplingError says, where the caller asked only to be warned
+        SamplingWarning      aliasing that the caller chose to be warned about
 
-Wrong plain arguments (a negative pitch, both or neither of two options) are `ValueError` and
-`TypeError`, as everywhere in Python.
+Invalid plain arguments (a negative pitch, both or neither of two options) raise `ValueError` and
+`TypeError`, as usual in Python.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from typing import Literal
 
 Surface = Literal["python", "command", "file"]
 _surface: ContextVar[Surface] = ContextVar("surface", default="python")
-_OPTIONS = {"ms": "m"}  # arguments whose option has another name
+_OPTIONS = {"ms": "m"}  # arguments with an option of another name
 
 _PACKAGE = __name__.partition(".")[0]
 
 
 class ClplenError(Exception):
-    """Base class of every error that clplen raises on purpose.
+    """Base class of all errors that clplen raises.
 
     Examples
     --------
@@ -62,14 +62,14 @@ class DeviceError(ClplenError):
 
 
 class KernelBuildError(ClplenError):
-    """An OpenCL compiler refused a kernel.
+    """An OpenCL compiler rejected a kernel.
 
     Parameters
     ----------
     message : str
-        One sentence: which kernel file, on which device.
+        Sentence that names the kernel file and the device.
     source : str, optional
-        The complete source as the compiler saw it.
+        Complete source as passed to the compiler.
     log : str, optional
         The compiler's build log.
 
@@ -100,7 +100,7 @@ class KernelBuildError(ClplenError):
 
 
 class SamplingError(ClplenError):
-    """A field, phase or transfer function would be sampled too coarsely.
+    """A field, phase or transfer function would be aliased.
 
     Examples
     --------
@@ -114,7 +114,7 @@ class SamplingError(ClplenError):
 
 
 class ShapeError(ClplenError):
-    """Arrays, grids or view counts do not fit together.
+    """Arrays, grids or view counts do not match.
 
     Examples
     --------
@@ -126,7 +126,7 @@ class ShapeError(ClplenError):
 
 
 class FormatError(ClplenError):
-    """A file is missing, truncated or not in the format it should have.
+    """A file is missing, truncated or of another format.
 
     Examples
     --------
@@ -140,7 +140,7 @@ class FormatError(ClplenError):
 
 
 class SamplingWarning(UserWarning):
-    """What `SamplingError` says, where the caller asked only to be warned.
+    """A field, phase or transfer function is aliased, by the caller's choice of ``"warn"``.
 
     Examples
     --------
@@ -155,7 +155,7 @@ class SamplingWarning(UserWarning):
 
 
 def warn_caller(message: str, category: type[Warning]) -> None:
-    """Warn from the line outside the package that led here."""
+    """Issue a warning at the calling line outside the package."""
     level, frame = 1, sys._getframe()
     while frame.f_back is not None and _is_inside(frame.f_globals.get("__name__", "")):
         level, frame = level + 1, frame.f_back
@@ -163,23 +163,23 @@ def warn_caller(message: str, category: type[Warning]) -> None:
 
 
 def _is_inside(module: str) -> bool:
-    """Return whether a frame belongs to the package or to a wrapper of the standard library."""
+    """Return True for a frame of the package or of a standard-library wrapper."""
     return module.partition(".")[0] in (_PACKAGE, "contextlib", "functools")
 
 
 def reason_of(error: BaseException) -> str:
-    """Return what an error says, without a compiler's log, with the name of its file as given."""
+    """Return an error's message without a compiler's log, with the file name as given."""
     if isinstance(error, OSError) and error.errno is not None:
         name = error.filename
-        place = f"{os.fsdecode(name)}: " if isinstance(name, str | bytes | os.PathLike) else ""
-        return f"{place}{error.strerror or os.strerror(error.errno)}"
-    is_whole = isinstance(error, UnicodeError)
-    return str(error.args[0] if error.args and not is_whole else error)
+        prefix = f"{os.fsdecode(name)}: " if isinstance(name, str | bytes | os.PathLike) else ""
+        return f"{prefix}{error.strerror or os.strerror(error.errno)}"
+    is_unicode_error = isinstance(error, UnicodeError)
+    return str(error.args[0] if error.args and not is_unicode_error else error)
 
 
 @contextmanager
 def arguments_as(surface: Surface) -> Iterator[None]:
-    """Write arguments in messages as Python, a command or a TOML file has them."""
+    """Format arguments in messages for Python, the command line or a TOML file."""
     token = _surface.set(surface)
     try:
         yield
@@ -188,10 +188,10 @@ def arguments_as(surface: Surface) -> Iterator[None]:
 
 
 def argument(name: str, value: object = None) -> str:
-    """Return an argument as the surface in use writes it: ``white=``, ``--white``, ``white =``.
+    """Format an argument for the current surface: ``white=``, ``--white`` or ``white =``.
 
-    A value follows: ``views=(3, 4)``, ``--views 3 4``, ``views = [3, 4]``; an option without a
-    value is one that is True.
+    A value is appended: ``views=(3, 4)``, ``--views 3 4``, ``views = [3, 4]``. An option without a
+    value is a flag.
     """
     parts = [str(part) for part in value] if isinstance(value, tuple) else None
     if _surface.get() == "command":
@@ -208,5 +208,5 @@ def argument(name: str, value: object = None) -> str:
 
 
 def worded(*, python: str, command: str, file: str) -> str:
-    """Return the words of the surface in use, where they differ in more than an argument."""
+    """Return the text of the current surface, for texts that differ in more than an argument."""
     return {"python": python, "command": command, "file": file}[_surface.get()]

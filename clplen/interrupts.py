@@ -1,12 +1,12 @@
-"""Ctrl-C at any moment: one sentence, status 130, within two seconds.
+"""Clean exit on Ctrl-C within two seconds, with one sentence and status 130.
 
-Python raises KeyboardInterrupt between two of its own instructions only: not while it starts or
-ends, and not while a kernel, a transform or a library is waited for, however long that takes. So
-the command ``clplen``, and nothing else that imports this package,
+Python raises KeyboardInterrupt only between two of its own instructions, not while it starts or
+ends, or waits for a kernel, a transform or a library. Therefore the command ``clplen``, but no
+other program that imports this package, handles Ctrl-C as follows:
 
-- leaves at once while its modules are imported and when its work is done,
-- in between lets KeyboardInterrupt unwind what is open, and a thread, woken by the signal itself,
-  ends the process if that takes longer than `GRACE`, after it removed what is half-written.
+- While modules are imported and after the work is done, it exits at once.
+- In between, KeyboardInterrupt unwinds open resources. If this takes longer than `GRACE`, a thread
+  woken by the signal removes unfinished files and ends the process.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from typing import Any, NoReturn
 
 STATUS = 130  # 128 + SIGINT, as shells count
 SENTENCE = "Interrupted; no file was left half-written."
-GRACE = 1.2  # seconds in which everything that is open may end by itself
-_SIGACTION_BYTES = 256  # more than the C structure takes anywhere (152 in glibc)
+GRACE = 1.2  # seconds for open resources to close
+_SIGACTION_BYTES = 256  # upper bound of the C structure's size (152 in glibc)
 _ENDING = [
     getattr(signal, name)
     for name in ("SIGHUP", "SIGINT", "SIGTERM", "SIGUSR1", "SIGUSR2")
@@ -31,12 +31,12 @@ _ENDING = [
 ]
 _NAMES = ("clplen", "clplen.exe", "clplen-script.py", "clplen-script.pyw")
 
-_unfinished: dict[Path, bool] = {}  # whether it goes although it holds something
+_unfinished: dict[Path, bool] = {}  # True to remove a folder with its content
 
 
 @contextmanager
 def unfinished(path: Path, *, filled: bool = True) -> Iterator[None]:
-    """Within this block a file or folder is not whole: it goes if the process is interrupted."""
+    """Remove an unfinished file or folder if the process is interrupted in this block."""
     _unfinished[path] = filled
     try:
         yield
@@ -45,20 +45,20 @@ def unfinished(path: Path, *, filled: bool = True) -> Iterator[None]:
 
 
 def is_command() -> bool:
-    """Whether this process is the command, not another program that imports the package."""
-    words = getattr(sys, "orig_argv", sys.argv)
-    if "-m" in words[:-1]:
-        return words[words.index("-m") + 1] == "clplen"
+    """Return True if this process is the command, not another program with this package."""
+    arguments = getattr(sys, "orig_argv", sys.argv)
+    if "-m" in arguments[:-1]:
+        return arguments[arguments.index("-m") + 1] == "clplen"
     return bool(sys.argv) and os.path.basename(sys.argv[0]) in _NAMES
 
 
 def _is_ignored() -> bool:
-    """Whether the shell shields this process from Ctrl-C, as it does in the background."""
+    """Return True if the shell shields this process from Ctrl-C, as in the background."""
     return signal.getsignal(signal.SIGINT) is signal.SIG_IGN
 
 
 def leave_at_once() -> None:
-    """From here on Ctrl-C ends the command without a traceback: nothing is being written."""
+    """Exit at once on Ctrl-C from now on, since no file is being written."""
     with suppress(ValueError):  # not the main thread
         if is_command() and not _is_ignored():
             signal.signal(signal.SIGINT, _leave)
@@ -69,7 +69,7 @@ def _leave(_: int, __: Any) -> None:
 
 
 def leave() -> NoReturn:
-    """End all processes of the command, remove what is half-written, and say the sentence."""
+    """End all processes of the command, remove unfinished files and print a sentence."""
     if "multiprocessing" in sys.modules:
         _end_children()
     for path, filled in list(_unfinished.items()):
@@ -82,7 +82,7 @@ def leave() -> NoReturn:
 
 
 def _end_children() -> None:
-    """Kill what multiprocessing started, last the tracker that would complain of the others."""
+    """Kill multiprocessing's children, and last its resource tracker."""
     from multiprocessing import active_children, resource_tracker
 
     children = active_children()
@@ -109,9 +109,9 @@ def _remove(path: Path, filled: bool) -> None:
 
 @contextmanager
 def unwinding() -> Iterator[None]:
-    """Let Ctrl-C raise KeyboardInterrupt in this block, and leave if that does not end it in time.
+    """Raise KeyboardInterrupt on Ctrl-C in this block, and exit if it does not end in time.
 
-    Only the command does so; elsewhere nothing is changed.
+    This applies to the command only; other programs are not affected.
     """
     import socket
     import threading
@@ -146,12 +146,11 @@ def _watch(woken: socket.socket) -> None:
 
 @contextmanager
 def signals_kept() -> Iterator[None]:
-    """Leave signals to Python although a library is loaded in this block that takes them.
+    """Keep Python's signal handlers while a library is loaded that installs its own.
 
-    LLVM, which PoCL brings, handles signals that ask a process to end by deleting what it is
-    writing, before Python's handler runs: the kernel "does not build". Threads that are started in
-    the block, and the linkers that they start, do not see these signals either; a linker that
-    Ctrl-C ends would make PoCL abort the process.
+    LLVM in PoCL handles termination signals by deleting its output, before Python's handler runs:
+    the kernel then "does not build". Threads and linkers started in the block do not receive these
+    signals, because PoCL aborts the process when Ctrl-C ends its linker.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield

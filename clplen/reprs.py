@@ -1,4 +1,4 @@
-"""Representations of one line, whatever a data class or the name of a file holds."""
+"""One-line representations of data classes and safe printing of file names."""
 
 from __future__ import annotations
 
@@ -8,42 +8,44 @@ from typing import Any
 
 import numpy as np
 
-LONGEST = 200  # characters
-_FEW = 6  # numbers of an array or a tuple that are shown
+MAX_LENGTH = 200  # characters of a representation
+_MAX_ITEMS = 6  # items of an array or a tuple
 
 
 class OneLine:
-    """Base of data classes (with ``repr=False``): fields by name, arrays by type and shape.
+    """Base class of data classes (with ``repr=False``): fields by name, arrays by type and shape.
 
-    Where that passes 200 characters the longest fields become dots.
+    The longest fields become dots in a representation of more than 200 characters.
     """
 
     def __repr__(self) -> str:
-        shown = [f.name for f in fields(self) if f.repr]  # type: ignore[arg-type]
-        return one_line(self, {name: getattr(self, name) for name in shown})
+        names = [f.name for f in fields(self) if f.repr]  # type: ignore[arg-type]
+        return one_line(self, {name: getattr(self, name) for name in names})
 
 
 def one_line(thing: object, values: dict[str, Any]) -> str:
-    """An object's representation by some of its values, at most 200 characters."""
+    """Return the representation of an object by some of its values, at most 200 characters."""
     texts = {name: _text(value) for name, value in values.items()}
     for name in sorted(texts, key=lambda name: -len(texts[name])):
-        if len(_line(thing, texts)) <= LONGEST:
+        if len(_line(thing, texts)) <= MAX_LENGTH:
             break
         texts[name] = "..."
     line = _line(thing, texts)
-    return line if len(line) <= LONGEST else f"{line[: LONGEST - 4]}...)"
+    return line if len(line) <= MAX_LENGTH else f"{line[: MAX_LENGTH - 4]}...)"
 
 
 def printable(text: str) -> str:
-    """Return a text of a file's name or metadata with escapes for what cannot be printed.
+    """Escape unprintable characters of a file name or of metadata.
 
-    Line breaks, control characters, marks of direction and bytes that are not UTF-8 are replaced.
+    Line breaks, control characters, direction marks and bytes outside UTF-8 are replaced.
     """
-    return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
+    return "".join(
+        character if character.isprintable() else ascii(character)[1:-1] for character in text
+    )
 
 
 def columns(rows: Sequence[Sequence[str]], sides: str) -> list[str]:
-    """Return lines whose cells stand below each other, each column at its side, "<" or ">"."""
+    """Align cells in columns, each at its side, "<" or ">", and return the lines."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     forms = list(zip(sides, widths, strict=True))
     return [
@@ -58,9 +60,9 @@ def _line(thing: object, texts: dict[str, str]) -> str:
 
 
 def _text(value: Any) -> str:
-    if isinstance(value, np.ndarray) and (value.ndim != 1 or value.size > _FEW):
+    if isinstance(value, np.ndarray) and (value.ndim != 1 or value.size > _MAX_ITEMS):
         return f"<{value.dtype} {value.shape}>"
-    if isinstance(value, tuple | list) and len(value) > _FEW:
+    if isinstance(value, tuple | list) and len(value) > _MAX_ITEMS:
         return f"<{len(value)} of {type(value[0]).__name__}>"
     if isinstance(value, tuple):
         return f"({', '.join(map(_text, value))}{',' * (len(value) == 1)})"

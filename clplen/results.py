@@ -1,41 +1,39 @@
-"""Methods that results share at a prompt: ``save``, ``plot`` and the picture a notebook shows.
+"""Interactive methods of results: ``save``, ``plot`` and the picture in a notebook.
 
-Writers and figures stand above the results in the order of imports, so that a result names its
-writer in `clplen.io` and its figure in `clplen.plot`, and looks them up when it is asked.
+Writers and figures import results, not the reverse. A result therefore names its writer in
+`clplen.io` and its figure in `clplen.plot`, and looks them up on use.
 """
 
 from __future__ import annotations
 
 from importlib import import_module
-from io import BytesIO
 from pathlib import Path
 from typing import Any, ClassVar
 
 from clplen.checks import check_keywords, keywords_of
 from clplen.errors import ClplenError
 
-_DPI = 100  # of the picture in a notebook
-
 
 class Savable:
-    """Base of what is written to a file by ``save``."""
+    """Base class of results with a method ``save``."""
 
-    _writer: ClassVar[str]  # a function of clplen.io: path, result, options
+    _writer: ClassVar[str]  # function of clplen.io (path, result, options)
 
     def save(self, path: str | Path, **options: Any) -> None:
-        """Write this to a file; the ending chooses the format.
+        """Write the result to a file in the format of its ending.
 
         Parameters
         ----------
         path : path-like
+            Output file.
         **options
-            Those of the writer in `clplen.io` for this type, such as ``write_stack`` for a
+            Options of the writer in `clplen.io` for this type, such as ``write_stack`` for a
             `FocalStack`.
 
         Raises
         ------
         ValueError
-            If the ending is none that the writer knows.
+            If the writer does not support the ending.
         OSError
             If the file cannot be written.
         """
@@ -45,38 +43,33 @@ class Savable:
 
 
 class Plottable:
-    """Base of what is drawn by ``plot``, and by a notebook of its own accord."""
+    """Base class of results with a method ``plot``, shown as a picture in notebooks."""
 
-    _figure: ClassVar[str]  # a function of clplen.plot: result, options
+    _figure: ClassVar[str]  # function of clplen.plot (result, options)
 
     def plot(self, **options: Any) -> Any:
-        """Draw this with matplotlib.
+        """Draw the result with matplotlib.
 
         Parameters
         ----------
         **options
-            Those of the function in `clplen.plot` for this type, such as ``montage`` for a
+            Options of the function in `clplen.plot` for this type, such as ``montage`` for a
             `FocalStack`.
 
         Returns
         -------
         matplotlib.figure.Figure
-            `clplen.plot.save` writes it.
+            Figure, for `clplen.plot.save`.
         """
         figure = getattr(import_module("clplen.plot"), self._figure)
         check_keywords(options, keywords_of(figure), f"{type(self).__name__}.plot")
         return figure(self, **options)
 
     def _repr_png_(self) -> bytes | None:
-        """The figure as a notebook shows it; None where this cannot be drawn."""
+        """Return the figure as PNG for notebooks; None if it cannot be drawn."""
         try:
             figure = self.plot()
-        except (
-            ClplenError,
-            TypeError,
-            ValueError,
-        ):  # such as a batch of fields
+        except (ClplenError, TypeError, ValueError):
             return None
-        data = BytesIO()
-        figure.savefig(data, format="png", dpi=_DPI)
-        return data.getvalue()
+        picture: bytes = figure._repr_png_()
+        return picture

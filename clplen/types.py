@@ -1,4 +1,4 @@
-"""Names of array types that several rooms share."""
+"""Type aliases of arrays."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-# of any type of samples, and of any number of axes
+# any dtype and number of axes
 Array = np.ndarray[Any, Any]
-# of one type of samples
+# fixed dtype
 Float32Array = np.ndarray[Any, np.dtype[np.float32]]
 Float64Array = np.ndarray[Any, np.dtype[np.float64]]
 Complex128Array = np.ndarray[Any, np.dtype[np.complex128]]

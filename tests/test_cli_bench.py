@@ -55,7 +55,7 @@ def test_a_profile(device: Device) -> None:
 def test_wrong_words(device: Device) -> None:
     for words, message in {
         "stacks": "no benchmark 'stacks'",
-        "transfers --size 3x4": "A size of this benchmark is VxUxYxX",
+        "transfers --size 3x4": "size must be VxUxYxX",
         "--size 3x4x5x6": "--size belongs to one benchmark",
         "transfers --repeats 0": "--repeats",
         "transfers --json --profile": "give one of them",
@@ -70,9 +70,9 @@ def test_wrong_words(device: Device) -> None:
 def test_files_that_are_no_saved_run(device: Device, tmp_path: Path) -> None:
     file = tmp_path / "before.json"
     for content, message in {
-        "no json": "holds no JSON",
-        "[1]": "no saved run",
-        '{"format": "clplen bench", "version": 99}': "version 99",
+        "no json": "is not JSON",
+        "[1]": "not a saved run",
+        '{"format": "clplen bench", "version": 99}': "got 99",
         '{"format": "clplen bench", "version": 1, "reports": [3]}': "is damaged",
     }.items():
         file.write_text(content)

@@ -151,7 +151,7 @@ def test_refusals(tmp_path: Path, device: Device) -> None:
     for words, code, said in (
         (("-o", "q.jpg"), 2, "ends in .png"),
         (("-o", "q.png", "--columns", 1, "--rows", 1, *small), 1, "at least 2 views"),
-        (("-o", "q.png", "--columns", 0, *small), 1, "whole number from 1 on, not 0"),
+        (("-o", "q.png", "--columns", 0, *small), 1, "whole number from 1 on, got 0"),
         (("-o", "q.png", "--columns", 33, "--rows", 2), 1, "1 to 32 columns, not 33"),
         (("-o", "q.png", "--size", "16385x40"), 1, "pixels a side, not 16,385"),
         (("-o", "q.png", "--size", "96"), 2, "WIDTHxHEIGHT"),

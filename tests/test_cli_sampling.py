@@ -186,7 +186,7 @@ def test_a_forgotten_unit_of_the_wavelength_is_noted():
     assert "write 550nm" in result.stderr
     refused = run(*THESIS[:-1], "550", "--z", "240mm")
     assert refused.exit_code == 1
-    assert "not 550; did you mean 5.5e-07?" in refused.stderr
+    assert "got 550; did you mean 5.5e-07?" in refused.stderr
     assert "Traceback" not in refused.stderr
 
 

@@ -23,7 +23,7 @@ from public_names import public_classes
 
 import clplen
 from clplen.compute.device import Device
-from clplen.reprs import LONGEST, OneLine
+from clplen.reprs import MAX_LENGTH, OneLine
 
 ROOT = Path(__file__).parents[1]
 # Every public class that can be made, by its name alone; protocols cannot.
@@ -247,7 +247,7 @@ def test_a_copy_is_not_promised_away(examples: dict[str, Any]) -> None:
 def test_every_representation_is_one_short_line(examples: dict[str, Any]) -> None:
     for name, one in examples.items():
         text = repr(one)
-        assert 0 < len(text) <= LONGEST, name
+        assert 0 < len(text) <= MAX_LENGTH, name
         assert text.isprintable(), name
         assert KINDS[name].__name__ in text or name == "PlenopticCamera", name
     for name in ("Field", "FocalStack", "FocusedStack", "Image", "LightField", "RawImage"):

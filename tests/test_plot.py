@@ -100,7 +100,7 @@ def test_a_large_raw_image_is_averaged_for_display(device: Device):
 
 def test_views_keep_their_order(device: Device):
     lf = light_field(device)
-    axes = image_axes(plot.views(lf, shown=3))[0]
+    axes = image_axes(plot.views(lf, max_views=3))[0]
     drawn = np.asarray(axes.images[0].get_array())
     values = lf.to_numpy()
     assert drawn.shape == (2 * 7, 3 * 9)
@@ -108,7 +108,7 @@ def test_views_keep_their_order(device: Device):
     assert [label.get_text() for label in axes.get_xticklabels()] == ["0", "2", "4"]
     assert [label.get_text() for label in axes.get_yticklabels()] == ["0", "3"]
     assert axes.get_title() == "views: 2 x 3 of 4 x 5"
-    part = plot.views(lf, shown=3, region=(slice(1, 4), slice(2, 9)))
+    part = plot.views(lf, max_views=3, region=(slice(1, 4), slice(2, 9)))
     drawn = np.asarray(image_axes(part)[0].images[0].get_array())
     np.testing.assert_array_equal(drawn[:3, :7], values[0, 0, 1:4, 2:])
 
@@ -160,7 +160,8 @@ def test_arrows_only_where_something_lies_beyond(device: Device):
 
 def test_the_montage_names_its_planes(device: Device):
     titles = [
-        axes.get_title() for axes in image_axes(plot.montage(stack(device, (7, 6, 8, 3)), shown=3))
+        axes.get_title()
+        for axes in image_axes(plot.montage(stack(device, (7, 6, 8, 3)), max_planes=3))
     ]
     assert titles == [r"$\alpha$ = 1.250", r"$\alpha$ = 1.000", r"$\alpha$ = 0.750"]
     figure = plot.montage(stack(device, (2, 6, 8), alphas=False))

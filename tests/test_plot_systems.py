@@ -172,9 +172,9 @@ def test_every_system_can_be_drawn(tmp_path: Path):
 
 def test_bad_views():
     for change in [{"extent": 0}, {"extent": np.nan}, {"height": np.inf}]:
-        with pytest.raises(ValueError, match=f"The {next(iter(change))} of .* in metres, not"):
+        with pytest.raises(ValueError, match=f"{next(iter(change))} must be .* in metres, got"):
             plot.system(PLENOPTIC, **change)
-    with pytest.raises(TypeError, match=r"drawn of an OpticalSystem, not of int: .*\[\.\.\.\]"):
+    with pytest.raises(TypeError, match=r"must be an OpticalSystem, got int: .*\[\.\.\.\]"):
         plot.system(3)
 
 

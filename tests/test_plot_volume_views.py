@@ -31,7 +31,7 @@ def test_lengths_in_words():
     words = [length_text(n) for n in (2e-5, 1e-6, 5e-10, 1e-3, 2.0, 999e-9)]
     assert words == ["20 µm", "1 µm", "500 pm", "1 mm", "2 m", "999 nm"]
     for bad in (0.0, -1.0, np.nan, np.inf):
-        with pytest.raises(ValueError, match="width is positive"):
+        with pytest.raises(ValueError, match="width must be positive"):
             round_length(bad)
 
 
@@ -93,7 +93,7 @@ def test_tracks_lie_where_their_voxels_are():
 
 def test_projections_of_a_series():
     series = np.stack([VOLUME * k for k in range(1, 8)])
-    figure = maximum_projection(series, voxel=VOXEL, axis="y", shown=3)
+    figure = maximum_projection(series, voxel=VOXEL, axis="y", max_frames=3)
     titles = [axes.get_title() for axes in figure.axes[:3]]
     assert titles == ["frame 0", "frame 3", "frame 6"]
     for panel, t in zip(figure.axes, (0, 3, 6), strict=False):
@@ -112,10 +112,10 @@ def test_what_is_not_drawn():
         (np.zeros((0, 3, 3)), {}, ShapeError, "planes, y, x"),
         (VOLUME, {"voxel": (1e-6, 1e-6)}, ValueError, "dz, dy, dx"),
         (VOLUME, {"voxel": (0, 1e-6, 1e-6)}, ValueError, "positive"),
-        (VOLUME, {"at": (7, 0, 0)}, ValueError, "Slices lie at"),
-        (VOLUME, {"at": (0, 0)}, ValueError, "Slices lie at"),
-        (VOLUME, {"scale": "cube"}, ValueError, "scale of values"),
-        (np.full(SHAPE, np.nan), {}, ValueError, "nothing to draw"),
+        (VOLUME, {"at": (7, 0, 0)}, ValueError, "at must be"),
+        (VOLUME, {"at": (0, 0)}, ValueError, "at must be"),
+        (VOLUME, {"scale": "cube"}, ValueError, "scale must be"),
+        (np.full(SHAPE, np.nan), {}, ValueError, "finite samples"),
     ]:
         with pytest.raises(error, match=sentence):
             orthogonal_views(volume, **({"voxel": VOXEL} | words))
@@ -123,5 +123,5 @@ def test_what_is_not_drawn():
         maximum_projection(VOLUME, voxel=VOXEL, axis="t")
     with pytest.raises(ShapeError, match="t, planes, y, x"):
         maximum_projection(VOLUME[0], voxel=VOXEL)
-    with pytest.raises(ValueError, match="from 1 on"):
-        maximum_projection(VOLUME, voxel=VOXEL, shown=0)
+    with pytest.raises(ValueError, match="at least 1"):
+        maximum_projection(VOLUME, voxel=VOXEL, max_frames=0)

@@ -158,6 +158,9 @@ ODD: dict[str, Callable[[Device], Any]] = {
         samples(1, 9, 9), samples(3), 3, ()
     ),
     "volume with lengths": lambda device: volume(planes=PLANES, voxel=(1e-6, 1e-6)),
+    "batch of fields": lambda device: clplen.Field.from_array(
+        np.ones((3, 8, 8)), objects.GRID, wavelength=objects.LAM, device=device
+    ),
     "dark field": lambda device: clplen.Field.from_array(
         np.zeros((8, 8)), objects.GRID, wavelength=objects.LAM, device=device
     ),
@@ -171,11 +174,14 @@ def test_unusual_results_are_drawn(first: int, device: Device) -> None:
         assert make(device)._repr_png_().startswith(PNG), name
 
 
+def test_figures_are_pictures_in_a_notebook(device: Device) -> None:
+    figure = clplen.plot.intensity(EXAMPLES["Field"](device))
+    assert figure._repr_png_().startswith(PNG)
+    assert clplen.plot.psf(EXAMPLES["PSF"](device))._repr_png_().startswith(PNG)
+
+
 def test_what_cannot_be_drawn_is_left_to_the_text(device: Device) -> None:
-    batch = clplen.Field.from_array(
-        np.ones((3, 8, 8)), objects.GRID, wavelength=objects.LAM, device=device
-    )
-    for result in (batch, image(samples(9, 9, 2))(device), volume(3)):
+    for result in (image(samples(9, 9, 2))(device), volume(3)):
         assert result._repr_png_() is None
         with pytest.raises(clplen.ShapeError):
             result.plot()

@@ -1,4 +1,4 @@
-"""What a camera resolves: point spread, transfer, quality measures, cameras compared."""
+"""Image quality: point spread, transfer, depth scores, and comparisons of cameras."""
 
 from lazy_loader import attach_stub
 

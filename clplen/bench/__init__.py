@@ -1,4 +1,4 @@
-"""Benchmarks of a device against its ceilings, and the helpers that scripts of benchmarks share."""
+"""Benchmarks of a device against its ceilings, with helpers for benchmark scripts."""
 
 from lazy_loader import attach_stub
 

@@ -1,4 +1,4 @@
-"""Ceilings of a machine: copying memory, multiplying and adding, transforms."""
+"""Ceilings of a machine: memory copies, multiply-adds, transforms."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ import numpy as np
 from clplen.bench.measure import Case, finished, in_turn
 from clplen.compute.device import Device
 
-_FEW = 256  # floats, in the nearest cache
-_CHAINS = {16: 12, 8: 10, 4: 10, 1: 16}  # sums in flight, by floats of a vector
+_INPUTS = 256  # floats, which fit the first cache
+_CHAINS = {16: 12, 8: 10, 4: 10, 1: 16}  # independent sums, by floats of a vector
 
 
 @dataclass(frozen=True)
 class Ceilings:
-    """Bytes and float32 operations a second of a device, by a copy and in registers."""
+    """Bytes per second of a copy, and float32 operations per second in registers."""
 
     bytes_per_second: float
     operations_per_second: float
 
     def fraction(self, seconds: float, nbytes: float, operations: float) -> tuple[float, str]:
-        """Return the share of the ceiling that binds, and its name, "memory" or "arithmetic"."""
+        """Return the share of the limiting ceiling and its name, "memory" or "arithmetic"."""
         memory = nbytes / self.bytes_per_second
         arithmetic = operations / self.operations_per_second
-        least, which = max((memory, "memory"), (arithmetic, "arithmetic"))
-        return (least / seconds if seconds else math.nan), which
+        limit, name = max((memory, "memory"), (arithmetic, "arithmetic"))
+        return (limit / seconds if seconds else math.nan), name
 
 
 def measure(device: Device, *, nbytes: int = 2**28, repeats: int = 5) -> Ceilings:
@@ -38,7 +38,7 @@ def measure(device: Device, *, nbytes: int = 2**28, repeats: int = 5) -> Ceiling
 
 
 def copy(device: Device, nbytes: int, name: str = "copy of as many bytes") -> Case:
-    """Return a copy within the device's memory; its work counts bytes read and written."""
+    """Create a copy within the device's memory; its work counts bytes read and written."""
     count = max(1, nbytes // 4)
     source, target = (device.zeros((count,), np.float32) for _ in range(2))
     run = finished(lambda: device.copy_into(target, source, 0), device)
@@ -46,20 +46,20 @@ def copy(device: Device, nbytes: int, name: str = "copy of as many bytes") -> Ca
 
 
 def multiply_add(device: Device, *, rounds: int | None = None) -> Case:
-    """Return multiply-adds in registers on every core, two operations each."""
+    """Create multiply-adds in registers on every core, two operations each."""
     lanes = min(max(int(device.cl_device.native_vector_width_float), 4), 16) if device.rows else 1
     chains = _CHAINS[max(n for n in _CHAINS if n <= lanes)]
     units = int(device.cl_device.max_compute_units)
     items = (4 if device.rows else 4096) * units
     rounds = rounds or (1 << 20 if device.rows else 1 << 14)
     kernel = device.kernel("ceiling.cl", "multiply_add", LANES=lanes, CHAINS=chains)
-    few = device.upload(np.linspace(0.1, 0.9, _FEW, dtype=np.float32))
+    inputs = device.upload(np.linspace(0.1, 0.9, _INPUTS, dtype=np.float32))
     out = device.empty((items,), np.float32)
-    numbers = (np.int32(_FEW - 1), np.int32(rounds), np.float32(0.5))
+    numbers = (np.int32(_INPUTS - 1), np.int32(rounds), np.float32(0.5))
     operations = 2.0 * lanes * chains * rounds * items
 
     def run() -> None:
-        device.launch(kernel, (items,), out, few, *numbers, operations=operations)
+        device.launch(kernel, (items,), out, inputs, *numbers, operations=operations)
 
     return Case("multiply-adds in registers", finished(run, device), operations, "operations")
 
@@ -67,7 +67,7 @@ def multiply_add(device: Device, *, rounds: int | None = None) -> Case:
 def bare_fft(
     shape: tuple[int, ...], device: Device, *, count: int = 1, axes: tuple[int, ...] = (-2, -1)
 ) -> Case:
-    """Return `count` transforms in place of a complex array by the device's own route."""
+    """Create `count` in-place transforms of a complex array by the device's FFT route."""
     rng = np.random.default_rng(1)
     values = rng.random(shape, dtype=np.float32).astype(device.complex)
     array: Any = device.upload(values)

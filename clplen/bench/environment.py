@@ -1,4 +1,4 @@
-"""The machine on which a benchmark ran."""
+"""Description of the machine of a benchmark."""
 
 from __future__ import annotations
 
@@ -49,29 +49,29 @@ def processor() -> str:
         text = Path("/proc/cpuinfo").read_text()
     except OSError:
         return platform.processor() or platform.machine()
-    found: dict[str, str] = {}
+    fields: dict[str, str] = {}
     for line in text.split("\n\n")[0].splitlines():
         key, _, value = line.partition(":")
-        found[key.strip()] = value.strip()
-    name = found.get("model name", platform.machine())
-    return f"{name}, family {found.get('cpu family', '?')}, model {found.get('model', '?')}"
+        fields[key.strip()] = value.strip()
+    name = fields.get("model name", platform.machine())
+    return f"{name}, family {fields.get('cpu family', '?')}, model {fields.get('model', '?')}"
 
 
 def _versions() -> dict[str, str]:
-    found = {}
+    versions = {}
     for name in PACKAGES:
         try:
-            found[name] = importlib.metadata.version(name)
+            versions[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
             continue
-    return found
+    return versions
 
 
 def quiet_enough() -> str:
-    """Return a sentence where other programs use the processor now, else an empty text."""
+    """Return a warning if other programs use the processor, else an empty string."""
     if not hasattr(os, "getloadavg"):
         return ""
     load, cores = os.getloadavg()[0], os.cpu_count() or 1
     if load < cores / 2:
         return ""
-    return f"Other programs ran beside (load {load:.1f} on {cores} cores): only ratios count."
+    return f"Other programs are running (load {load:.1f} on {cores} cores): compare ratios only."

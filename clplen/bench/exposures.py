@@ -1,4 +1,4 @@
-"""Exposures of plenoptic cameras and the demo, beside the transforms in them; decoding."""
+"""Benchmarks of exposures, decoding and the demo, relative to their bare transforms."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from clplen.lightfield.stacks import focal_stack
 from clplen.wave.elements.lenslets import MicrolensArray
 
 _FORM = "a number of lenslets across"
-_FEWEST = 75  # lenslets that hold the aperture of the focused camera
-_FIELDS = 12  # of complex samples of the sensor that are held at a time, with all tables
+_MIN_LENSLETS = 75  # lenslets across that cover the aperture of the focused camera
+_FIELDS = 12  # complex fields of the sensor in memory at a time, tables included
 
 
 def _needs(size: str) -> int:
-    """Return the bytes of the fields on the sensor."""
+    """Return the memory of the fields on the sensor in bytes."""
     [count] = numbers(size, (1,), _FORM)
     return 4 * _FIELDS * 8 * (30 * count) ** 2
 
 
 def measure_camera(device: Device, size: str, repeats: int) -> Report:
-    """Measure exposure and decoding beside bare transforms."""
+    """Measure exposure and decoding relative to bare transforms."""
     [count] = numbers(size, (1,), _FORM)
     cam = demo.camera(device, count=count)
     point = (0.0, 0.0, demo.DEPTHS[0])
@@ -59,7 +59,7 @@ def measure_camera(device: Device, size: str, repeats: int) -> Report:
 
 
 def focused_camera(device: Device, count: int) -> Plenoptic2:
-    """Return a 2.0 camera of the demo's sensor: f = 120 mm, f_mu = 3 mm, m = 0.2."""
+    """Create a 2.0 camera of the demo's sensor: f = 120 mm, f_mu = 3 mm, m = 0.2."""
     lenslets = MicrolensArray(150e-6, 3e-3, count=count, fill="full")
     return PlenopticCamera.type2(
         focal_length=0.120,
@@ -72,14 +72,14 @@ def focused_camera(device: Device, count: int) -> Plenoptic2:
 
 
 def _expose(cam: Plenoptic2) -> RawImage:
-    """Expose one point of the demo's size on the axis, in focus."""
+    """Expose one in-focus point of the demo's size on the axis."""
     return cam.expose(PointSources([(0.0, 0.0, 0.0)], diameter=demo.SOURCE_DIAMETER))
 
 
-def bare_ffts(transforms: Transforms, device: Device, what: str = "") -> Case:
-    """Return all transforms of exposures, at their padded sizes, by the device's own route."""
+def bare_ffts(transforms: Transforms, device: Device, prefix: str = "") -> Case:
+    """Create all transforms of exposures, at their padded sizes, by the device's FFT route."""
     parts = [ceilings.bare_fft(shape, device, count=count) for count, shape in transforms]
-    name = what + " + ".join(part.name for part in parts)
+    name = prefix + " + ".join(part.name for part in parts)
 
     def run() -> None:
         for part in parts:
@@ -89,16 +89,16 @@ def bare_ffts(transforms: Transforms, device: Device, what: str = "") -> Case:
 
 
 def added(transforms: Sequence[Transforms]) -> Transforms:
-    """Add up the transforms of several exposures by shape."""
+    """Sum the transforms of several exposures by shape."""
     counts: dict[tuple[int, int], int] = {}
-    for several in transforms:
-        for count, shape in several:
+    for counted in transforms:
+        for count, shape in counted:
             counts[shape] = counts.get(shape, 0) + count
     return tuple((count, shape) for shape, count in counts.items())
 
 
 def measure_demo(device: Device, size: str, repeats: int) -> Report:
-    """Measure the demo's computation beside bare transforms."""
+    """Measure the demo's computation relative to bare transforms."""
     [count] = numbers(size, (1,), _FORM)
     cam = demo.camera(device, count=count)
     cases = [
@@ -107,8 +107,8 @@ def measure_demo(device: Device, size: str, repeats: int) -> Report:
     ]
     times = in_turn(cases, repeats)
     note = (
-        "The transforms of all exposures, at their padded sizes: two of each propagation, from the "
-        "lens to the array and from there to the sensor."
+        "Transforms of all exposures at their padded sizes: two for each propagation, from the "
+        "lens to the array and from the array to the sensor."
     )
     rows = time_rows(times, times[0])
     return Report("demo", size, "time over the bare transforms", rows, (note,))
@@ -134,7 +134,7 @@ BENCHMARKS = (
         "camera",
         "one point through the demo's camera and a focused one, beside bare transforms; decoding",
         sizes=("101",),
-        quick=str(_FEWEST),
+        quick=str(_MIN_LENSLETS),
         needs=_needs,
         run=measure_camera,
     ),

@@ -1,4 +1,4 @@
-"""Focal stacks, depth and transfers of light fields, beside copies and readings of the samples."""
+"""Benchmarks of focal stacks, depth and transfers, relative to copies and reads of the samples."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ STACK_FORM = "VxUxYxX[xC]"
 STACK_SIZES = ("15x15x434x625x3", "9x9x512x512", "30x30x101x101", "5x7x333x1021x3", "17x17x768x768")
 STACK_PLANES = 32
 STACK_RANGE = 1.5  # disparities of the stack: -STACK_RANGE to STACK_RANGE
-STACK_DISPARITY = 1.37  # of the single planes
+STACK_DISPARITY = 1.37  # disparity of single planes
 STORED = ("uint8", "uint16", "float16")
 COPY, READING = "copy of the views", "reading the views (search for NaN)"
 _DEPTH_PLANES, _SLANT_PLANES = 31, 41
-_WAVES, _WAVELENGTHS = 48, (3.0, 20.0)  # of a texture; pixels
+_WAVES, _WAVELENGTHS = 48, (3.0, 20.0)  # number of waves of a texture; range in pixels
 
 
 def stack_needs(size: str) -> int:
-    """Return the bytes of the light field in four types, of copies and of stacks."""
+    """Return the memory of a light field in four types, of copies and stacks, in bytes."""
     shape = numbers(size, (4, 5), STACK_FORM)
     return 25 * math.prod(shape) + 5 * 4 * STACK_PLANES * math.prod(shape[2:])
 
 
 def measure_stack(device: Device, size: str, repeats: int) -> Report:
-    """Measure stacks and refocus beside moving the samples alone."""
+    """Measure stacks and refocus relative to moving the samples alone."""
     shape = numbers(size, (4, 5), STACK_FORM)
     values = np.random.default_rng(1).random(shape, dtype=np.float32)
     lf = LightField.from_array(values, device=device)
@@ -57,7 +57,7 @@ def measure_stack(device: Device, size: str, repeats: int) -> Report:
 
 
 def transfer_cases(lf: LightField) -> list[Case]:
-    """Return cases that only move the samples."""
+    """Create cases that only move the samples."""
     device, rays = lf.device, float(math.prod(lf.shape[:4]))
     twin = device.empty(lf.shape, lf.dtype)
     return [
@@ -67,7 +67,7 @@ def transfer_cases(lf: LightField) -> list[Case]:
 
 
 def stack_cases(lf: LightField, values: np.ndarray[Any, Any]) -> list[Case]:
-    """Return stacks of every storage type, a stack with its transfers, and refocus."""
+    """Create stacks of every storage type, a stack with its transfers, and refocus."""
     device, rays = lf.device, float(math.prod(lf.shape[:4]))
     planes = np.linspace(-STACK_RANGE, STACK_RANGE, STACK_PLANES)
 
@@ -85,22 +85,22 @@ def stack_cases(lf: LightField, values: np.ndarray[Any, Any]) -> list[Case]:
         stored = LightField.from_array((values * scale).astype(name), device=device)
         cases.append(Case(f"stack, {name}", stack_of(stored), STACK_PLANES * rays, "rays"))
     with_copies = Case("stack with transfers", with_transfers, STACK_PLANES * rays, "rays")
-    # Refocus is last: threads of other libraries spin for a while.
+    # Refocus is last, since threads of other libraries spin for a while.
     return [*cases, with_copies, Case("refocus", plane, rays, "rays")]
 
 
 def _transfers_needs(size: str) -> int:
-    """Return the bytes of eight light fields: on the host, on the device and under way."""
+    """Return the memory of eight light fields on host and device, in bytes."""
     return 8 * 4 * math.prod(numbers(size, (4, 5), STACK_FORM))
 
 
 def measure_transfers(device: Device, size: str, repeats: int) -> Report:
-    """Measure a light field's way in and out."""
+    """Measure the transfers of a light field to and from the device."""
     shape = numbers(size, (4, 5), STACK_FORM)
     values = np.random.default_rng(1).random(shape, dtype=np.float32)
     twin = np.empty_like(values)
     weights = np.ones(shape[:2], np.float32)
-    there = LightField.from_array(values, device=device, weights=weights)
+    lf = LightField.from_array(values, device=device, weights=weights)
     moved = values.nbytes
 
     def from_array() -> None:
@@ -111,22 +111,22 @@ def measure_transfers(device: Device, size: str, repeats: int) -> Report:
         Case("copy within the host", lambda: np.copyto(twin, values), moved, "bytes"),
         Case("copy within the device", ceilings.copy(device, moved).run, moved, "bytes"),
         Case("upload", finished(lambda: device.upload(values), device), moved, "bytes"),
-        Case("download", lambda: device.download(there.data), moved, "bytes"),
+        Case("download", lambda: device.download(lf.data), moved, "bytes"),
         Case("LightField.from_array", from_array, moved, "bytes"),
-        Case("LightField.to_numpy", there.to_numpy, moved, "bytes"),
+        Case("LightField.to_numpy", lf.to_numpy, moved, "bytes"),
     ]
     times = in_turn(cases, repeats)
     return Report("transfers", size, "rate over that within the host", rate_rows(times, times[0]))
 
 
 def _depth_needs(size: str) -> int:
-    """Return the bytes of light fields, stacks, and maps of the combined cue."""
+    """Return the memory of light fields, stacks and maps of the combined cue, in bytes."""
     shape = numbers(size, (4, 5), STACK_FORM)
     return 4 * (12 * math.prod(shape) + 4 * _DEPTH_PLANES * math.prod(shape[2:]))
 
 
 def measure_depth(device: Device, size: str, repeats: int) -> Report:
-    """Measure every cue beside the focal stack: on random samples, and on a surface."""
+    """Measure every cue relative to the focal stack, on random samples and on a surface."""
     shape = numbers(size, (4, 5), STACK_FORM)
     values = np.random.default_rng(1).random(shape, dtype=np.float32)
     planes = np.linspace(-STACK_RANGE, STACK_RANGE, _DEPTH_PLANES)
@@ -150,16 +150,16 @@ def measure_depth(device: Device, size: str, repeats: int) -> Report:
     times = in_turn(cases, repeats)
     rows = time_rows(times, times[0])
     notes = (
-        "A slanted surface with texture, in grey and in colours: there planes can be ruled out, "
-        "on random samples none.",
+        "Grey and colours: a slanted textured surface, whose planes can be excluded early, unlike "
+        "those of random samples.",
     )
     return Report("depth", size, "time over that of the stack", rows, notes)
 
 
 def slanted_views(shape: tuple[int, ...]) -> Samples:
-    """Return grey views of a surface with texture, whose disparity rises from -1 to 1 along x.
+    """Return grey views of a textured surface whose disparity rises from -1 to 1 along x.
 
-    Its texture is a sum of waves of random directions, which is exact between the pixels, too.
+    The texture is a sum of plane waves of random directions, hence exact between pixels.
     """
     V, U, ny, nx = shape
     random = np.random.default_rng(2)

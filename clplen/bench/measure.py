@@ -1,6 +1,6 @@
-"""Times of several things taken in turn, so that a machine that slows down slows all of them.
+"""Timing of several cases in turn, so that a slower machine affects all of them alike.
 
-Sizes of benchmarks are text: 15x15x434x625x3.
+Sizes of benchmarks are text, such as 15x15x434x625x3.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from clplen.errors import ShapeError
 
 @dataclass(frozen=True)
 class Case:
-    """A call to time, which returns when it is done, and the work that one run does."""
+    """Synchronous call to time, and the work of one run."""
 
     name: str
     run: Callable[[], object]
@@ -28,7 +28,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Times:
-    """Seconds of the repeats of one case, in the order in which they were taken."""
+    """Seconds of the repeats of one case, in order of measurement."""
 
     case: Case
     seconds: tuple[float, ...]
@@ -48,38 +48,41 @@ class Times:
 
     @property
     def rate(self) -> float:
-        """Work a second."""
+        """Work per second."""
         return self.case.work / self.median
 
     def over(self, other: Times) -> float:
-        """Return the median of the ratios of this time over another of the same round."""
+        """Return the median ratio of this time over another time of the same round."""
         pairs = zip(self.seconds, other.seconds, strict=True)
         return statistics.median(mine / theirs for mine, theirs in pairs)
 
 
 def in_turn(cases: Sequence[Case], repeats: int) -> list[Times]:
-    """Run every case once uncounted, then so many rounds of all of them."""
+    """Run every case once as a warm-up, then in rounds over all cases."""
     seconds: list[list[float]] = [[] for _ in cases]
     for _ in range(repeats + 1):
-        for case, taken in zip(cases, seconds, strict=True):
+        for case, case_seconds in zip(cases, seconds, strict=True):
             start = perf_counter()
             case.run()
-            taken.append(perf_counter() - start)
-    return [Times(case, tuple(taken[1:])) for case, taken in zip(cases, seconds, strict=True)]
+            case_seconds.append(perf_counter() - start)
+    return [
+        Times(case, tuple(case_seconds[1:]))
+        for case, case_seconds in zip(cases, seconds, strict=True)
+    ]
 
 
 def finished(run: Callable[[], object], device: Device) -> Callable[[], Any]:
-    """Return a call of ``run`` that waits until the device is done."""
+    """Wrap a call so that it waits until the device has finished."""
 
-    def both() -> None:
+    def run_and_wait() -> None:
         run()
         device.finish()
 
-    return both
+    return run_and_wait
 
 
 def numbers(size: str, counts: tuple[int, ...], form: str) -> tuple[int, ...]:
-    """Return the whole numbers of a size; raise ShapeError with its form if it has others."""
+    """Return the integers of a size; raise ShapeError if it does not match the form."""
     if not re.fullmatch(r"[1-9]\d*(x[1-9]\d*)*", size) or size.count("x") + 1 not in counts:
-        raise ShapeError(f"A size of this benchmark is {form}, not {size!r}.")
+        raise ShapeError(f"size must be {form}, got {size!r}.")
     return tuple(int(n) for n in size.split("x"))

@@ -1,9 +1,9 @@
-"""A volume to the frame of a light-field microscope and back, beside convolutions of whole frames.
+"""Benchmarks of microscope projections, relative to convolutions of whole frames.
 
-The plain form of the same sum is written here with ducc0 (or SciPy): one transfer function for each
-plane and place of a voxel in a lenslet, as large as the frame; the voxels of each place, zeros
-between them, are transformed, multiplied and added. It is timed on two planes and counted for all:
-each takes as long as the next.
+The plain form of the sum uses ducc0 (or SciPy), with a transfer function as large as the frame for
+each plane and voxel position in a lenslet. The voxels of each position, with zeros between them,
+are transformed, multiplied and added. Two planes are timed and scaled to all planes, since every
+plane takes equal time.
 """
 
 from __future__ import annotations
@@ -29,64 +29,70 @@ from clplen.types import Array
 from clplen.wave.elements.lenslets import MicrolensArray
 
 FORM = "PLANESxLENSLETS"
-PIXELS, VOXELS = 15, 5  # of a lenslet, along an axis
-PLAIN = 2  # planes that the plain form is timed on
-ITERATIONS = 8  # of a frame of a series
-_DEPTH = 10e-6  # outermost planes, from the native one
-_SPREAD = 20  # lenslets that the widest image reaches to, at most
+PIXELS, VOXELS = 15, 5  # per lenslet along an axis
+PLAIN = 2  # timed planes of the plain form
+ITERATIONS = 8  # iterations per frame of a series
+_DEPTH = 10e-6  # distance of the outermost planes from the native plane, in metres
+_SPREAD = 20  # largest radius of a point image, in lenslets
 
 
 def _needs(size: str) -> int:
-    """Return the bytes of all matrices and of the plain form's transfer functions."""
+    """Return the memory of all matrices and of the plain form's transfer functions, in bytes."""
     planes, count = numbers(size, (2,), FORM)
     plain = 5 * PLAIN * VOXELS**2 * (_window(count) * PIXELS) ** 2
     return matrices_of(planes, count) + plain
 
 
 def _window(count: int) -> int:
-    """Return the lattice points of a transform of so many lenslets."""
+    """Return the transform length in lattice points for a number of lenslets."""
     return smooth_length(max(count + _SPREAD, 2 * _SPREAD + 1))
 
 
 def matrices_of(planes: int, count: int) -> int:
-    """Return the largest bytes of the matrices of so many planes and lenslets."""
+    """Return the largest memory of the matrices for planes and lenslets, in bytes."""
     return 5 * planes * (_window(count) // 2 + 2) ** 2 * (PIXELS * VOXELS) ** 2
 
 
 def measure_microscope(device: Device, size: str, repeats: int) -> Report:
-    """Measure a projection and a back-projection beside the plain form."""
+    """Measure a projection and a back-projection relative to the plain form."""
     planes, count = numbers(size, (2,), FORM)
     start = perf_counter()
     images = images_of(device, planes)
-    made = perf_counter() - start
+    seconds = perf_counter() - start
     projector = Projector(images, (count, count), device=device)
     rng = np.random.default_rng(1)
     volume = rng.random((1, *projector.volume_shape), dtype=np.float32)
     frame = rng.random((1, *projector.frame_shape), dtype=np.float32)
-    there, seen = device.upload(volume), device.upload(frame)
+    volume_on_device, frame_on_device = device.upload(volume), device.upload(frame)
     plain = Plain(images, min(PLAIN, planes), count)
     share = planes / plain.planes
-    both = float(2 * math.prod(projector.volume_shape))
+    voxels = float(2 * math.prod(projector.volume_shape))
 
     def ours() -> None:
-        projector.project(there)
-        projector.back_project(seen)
+        projector.project(volume_on_device)
+        projector.back_project(frame_on_device)
 
     def theirs() -> None:
         plain.forward(volume[0])
         plain.backward(frame[0])
 
     cases = [
-        Case(f"plain, {plain.planes} of {planes} planes", theirs, both / share, "voxels"),
-        Case("forward and backward", finished(ours, device), both, "voxels"),
-        Case("forward", finished(lambda: projector.project(there), device), both / 2, "voxels"),
+        Case(f"plain, {plain.planes} of {planes} planes", theirs, voxels / share, "voxels"),
+        Case("forward and backward", finished(ours, device), voxels, "voxels"),
+        Case(
+            "forward",
+            finished(lambda: projector.project(volume_on_device), device),
+            voxels / 2,
+            "voxels",
+        ),
     ]
     times = in_turn(cases, repeats)
     notes = (
         f"The plain form takes {share * times[0].median:.3g} s for all {planes} planes, "
         f"{share / times[1].over(times[0]):.3g} times forward and backward.",
         f"Matrices of {projector.nbytes / 2**30:.2f} GiB, point images of "
-        f"{sum(one.nbytes for one in images.stored) / 2**20:.0f} MiB, made in {made:.3g} s.",
+        f"{sum(image.nbytes for image in images.stored) / 2**20:.0f} MiB, computed in "
+        f"{seconds:.3g} s.",
     )
     rows = time_rows(times, times[0])
     return Report("microscope", size, "time over the plain form's part", rows, notes)
@@ -107,7 +113,7 @@ def images_of(device: Device, planes: int) -> PointImages:
 
 
 class Plain:
-    """The projector's sum with transforms of whole frames."""
+    """Projection by transforms of whole frames."""
 
     def __init__(self, images: PointImages, planes: int, count: int) -> None:
         self.planes, self.count = planes, count
@@ -146,13 +152,13 @@ class Plain:
         out = np.empty((self.planes, self.count * VOXELS, self.count * VOXELS), np.float32)
         for number, otf in enumerate(self.otf):
             z, (y, x) = number // VOXELS**2, divmod(number % VOXELS**2, VOXELS)
-            found = self.irfft(otf.conj() * spectrum, self.window)
-            out[z, y::VOXELS, x::VOXELS] = found[:reach:PIXELS, :reach:PIXELS]
+            plane = self.irfft(otf.conj() * spectrum, self.window)
+            out[z, y::VOXELS, x::VOXELS] = plane[:reach:PIXELS, :reach:PIXELS]
         return out
 
 
 def _transforms() -> tuple[Callable[[Array], Array], Callable[[Array, int], Array]]:
-    """Return real transforms of float32 with all cores, forward and inverse."""
+    """Return forward and inverse real float32 transforms on all cores."""
     if find_spec("ducc0") is not None:
         from ducc0.fft import c2r, r2c
 
@@ -169,7 +175,7 @@ def _transforms() -> tuple[Callable[[Array], Array], Callable[[Array, int], Arra
 
 
 def _series_needs(size: str) -> int:
-    """Return the bytes of the matrices and of the frames of a batch."""
+    """Return the memory of the matrices and of the frames of a batch, in bytes."""
     planes, count = numbers(size, (2,), FORM)
     lenslets = count**2
     frame = 4 * lenslets * (VOLUMES * 25 * planes + (PICTURES + 4) * 225)
@@ -177,31 +183,32 @@ def _series_needs(size: str) -> int:
 
 
 def measure_series(device: Device, size: str, repeats: int) -> Report:
-    """Measure a batch and a frame, each of eight iterations from the volume before."""
+    """Measure a batch and a single frame, each with eight iterations from a volume."""
     planes, count = numbers(size, (2,), FORM)
     projector = Projector(images_of(device, planes), (count, count), device=device)
     rng = np.random.default_rng(1)
     volume = rng.random(projector.volume_shape, dtype=np.float32) ** 8
     frame = projector.forward(volume)
     frames = np.stack([frame * np.float32(1 + 0.01 * t) for t in range(BATCH)])
-    def one() -> None:
+
+    def single_frame() -> None:
         deconvolve(frame, projector, iterations=ITERATIONS, start=volume + 1e-3)
 
     def together() -> None:
-        found = deconvolve_series(
+        volumes = deconvolve_series(
             frames, projector, iterations=ITERATIONS, batch=BATCH, start="previous", before=volume
         )
-        list(found)
+        list(volumes)
 
     voxels = float(math.prod(projector.volume_shape))
     cases = [
-        Case("a frame at a time", one, voxels, "voxels"),
+        Case("a frame at a time", single_frame, voxels, "voxels"),
         Case(f"{BATCH} frames together", together, BATCH * voxels, "voxels"),
     ]
     times = in_turn(cases, repeats)
     notes = (
         f"{BATCH / times[1].median:.3g} frames a second together, {1 / times[0].median:.3g} one at "
-        f"a time, {ITERATIONS} iterations each; {BATCH} frames read what one does.",
+        f"a time, {ITERATIONS} iterations each; a batch reads the matrices as often as a frame.",
         f"Matrices of {projector.nbytes / 2**30:.2f} GiB, read twice an iteration.",
     )
     rows = time_rows(times, times[0])

@@ -1,6 +1,6 @@
-"""The benchmarks by name, and how one is run.
+"""Registry of benchmarks by name, and their execution.
 
-The modules of this folder that measure have a tuple ``BENCHMARKS``.
+Each module of this folder with benchmarks has a tuple ``BENCHMARKS``.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from clplen.compute.drivers.failures import is_out_of_memory
 from clplen.compute.memory import free_memory
 from clplen.errors import ClplenError, DeviceError
 
-# Modules are imported when one of their benchmarks is asked for.
+# Modules are imported at the first use of one of their benchmarks.
 _MODULES = {
     "stack": "lightfields",
     "transfers": "lightfields",
@@ -31,14 +31,14 @@ _MODULES = {
     "start": "start",
 }
 NAMES = tuple(_MODULES)
-_SHARE = 0.8  # of the memory that is free
-_REFUSED = ("needs", "largest that")  # what a DeviceError says of memory that does not suffice
+_MAX_SHARE = 0.8  # largest memory of a benchmark over the free memory
+_REFUSED = ("needs", "largest that")  # phrases of a DeviceError about memory
 
 
 def find_benchmark(name: str) -> Benchmark:
-    """Return the benchmark of a name; raise ClplenError if there is none."""
+    """Return the benchmark of a name; raise ClplenError for an unknown name."""
     if name not in NAMES:
-        raise ClplenError(f"There is no benchmark {name!r}; there are {', '.join(NAMES)}.")
+        raise ClplenError(f"There is no benchmark {name!r}; choose among {', '.join(NAMES)}.")
     module = importlib.import_module(f"clplen.bench.{_MODULES[name]}")
     benchmarks: tuple[Benchmark, ...] = module.BENCHMARKS
     return next(benchmark for benchmark in benchmarks if benchmark.name == name)
@@ -47,8 +47,8 @@ def find_benchmark(name: str) -> Benchmark:
 def run_benchmark(
     benchmark: Benchmark, device: Device, *, size: str, repeats: int, say: Callable[[str], None]
 ) -> Report | None:
-    """Run one benchmark at one size; say so and return None where the memory does not suffice."""
-    free = int(_SHARE * free_memory())
+    """Run one benchmark at one size; report insufficient memory and return None."""
+    free = int(_MAX_SHARE * free_memory())
     room = free if device.is_cpu else min(free, device.memory_bytes)
     if benchmark.needs(size) <= room:
         try:
@@ -59,12 +59,12 @@ def run_benchmark(
             if not is_of_memory(error):
                 raise
         device.free_spare()
-    say(f"{benchmark.name}: the memory does not suffice for {size}; give a smaller --size.")
+    say(f"{benchmark.name}: the memory does not suffice for {size}; choose a smaller --size.")
     return None
 
 
 def is_of_memory(error: DeviceError) -> bool:
-    """Return whether a device refused something because it is too large."""
+    """Return True if a device ran out of memory."""
     if is_out_of_memory(error.__cause__):
         return True
-    return any(words in str(error) for words in _REFUSED) and "bytes" in str(error)
+    return any(phrase in str(error) for phrase in _REFUSED) and "bytes" in str(error)

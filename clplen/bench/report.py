@@ -1,4 +1,4 @@
-"""Results of benchmarks: rows of times, as text, saved, and compared."""
+"""Results of benchmarks: tables as text, saved runs and their comparison."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ VERSION = 1
 
 @dataclass(frozen=True)
 class Row:
-    """One line of a table: median seconds of a run, work a second, ratio as `Report.ratio_is`."""
+    """Row of a table: median seconds per run, work per second, ratio as in `Report.ratio_is`."""
 
     name: str
     seconds: float
@@ -34,7 +34,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Report:
-    """Results of one benchmark at one size; ``ratio_is`` says of what the ratios of rows are."""
+    """Results of one benchmark at one size; ``ratio_is`` describes the ratios of its rows."""
 
     name: str
     size: str
@@ -44,7 +44,7 @@ class Report:
 
 
 def time_rows(times: Sequence[Times], by: Times | None = None) -> tuple[Row, ...]:
-    """Return rows whose ratio is their time over that of ``by``."""
+    """Return rows with their time over that of ``by`` as ratio."""
     return tuple(
         Row(t.case.name, t.median, t.spread, t.rate, t.case.unit, t.over(by) if by else None)
         for t in times
@@ -52,7 +52,7 @@ def time_rows(times: Sequence[Times], by: Times | None = None) -> tuple[Row, ...
 
 
 def rate_rows(times: Sequence[Times], by: Times) -> tuple[Row, ...]:
-    """Return rows whose ratio is their rate over that of ``by``."""
+    """Return rows with their rate over that of ``by`` as ratio."""
     scale = [t.case.work / by.case.work for t in times]
     return tuple(
         Row(t.case.name, t.median, t.spread, t.rate, t.case.unit, s / t.over(by))
@@ -62,10 +62,10 @@ def rate_rows(times: Sequence[Times], by: Times) -> tuple[Row, ...]:
 
 @dataclass(frozen=True)
 class Benchmark:
-    """A measurement at several sizes.
+    """Measurement at several sizes.
 
-    ``needs`` gives the bytes of a size on host and device together; ``quick`` is a small size;
-    ``run`` measures one size with a number of repeats on a device.
+    ``needs`` returns the memory of a size in bytes, on host and device together; ``quick`` is a
+    small size; ``run`` measures one size with a number of repeats on a device.
     """
 
     name: str
@@ -77,35 +77,35 @@ class Benchmark:
 
 
 def run_as_json(reports: Sequence[Report], environment: dict[str, Any]) -> str:
-    """Return a run as JSON, with its machine and time (UTC)."""
-    found = {
+    """Format a run as JSON, with its machine and time (UTC)."""
+    data = {
         "format": FORMAT,
         "version": VERSION,
         "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "environment": environment,
         "reports": [asdict(report) for report in reports],
     }
-    return json.dumps(found, indent=1)
+    return json.dumps(data, indent=1)
 
 
 def read_run(path: Path) -> dict[str, Any]:
-    """Read a saved run; raise FormatError if a file holds none."""
+    """Read a saved run; raise FormatError for any other file."""
     try:
-        found = json.loads(path.read_text("utf-8"))
+        data = json.loads(path.read_text("utf-8"))
     except (ValueError, RecursionError) as error:
-        raise FormatError(f"{path} holds no JSON: save a run by 'clplen bench --json'.") from error
-    if not isinstance(found, dict) or found.get("format") != FORMAT:
-        raise FormatError(f"{path} is no saved run of 'clplen bench --json'.")
-    if found.get("version") != VERSION:
+        raise FormatError(f"{path} is not JSON: save a run by 'clplen bench --json'.") from error
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        raise FormatError(f"{path} is not a saved run of 'clplen bench --json'.")
+    if data.get("version") != VERSION:
         raise FormatError(
-            f"{path} is version {found.get('version')} of a saved run, and {VERSION} is read: "
+            f"{path} must be version {VERSION} of a saved run, got {data.get('version')}: "
             "save the run again."
         )
     try:
-        compare_runs([], found)
+        compare_runs([], data)
     except (KeyError, TypeError) as error:
         raise FormatError(f"{path} is damaged: save it by 'clplen bench --json' again.") from error
-    return found
+    return data
 
 
 def compare_runs(reports: Sequence[Report], saved: dict[str, Any]) -> str:
@@ -131,7 +131,7 @@ def compare_runs(reports: Sequence[Report], saved: dict[str, Any]) -> str:
 
 
 _PREFIXES = ((1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k"))
-_LONGEST = 64  # characters of a name
+_MAX_NAME = 64  # characters
 
 
 def device_text(environment: dict[str, Any]) -> str:
@@ -175,22 +175,22 @@ def _time(seconds: float) -> str:
 
 
 def profile_text(runs: Iterable[Run], ceilings: Ceilings) -> str:
-    """Format a line for each kernel: count, times, share of the ceiling that binds it.
+    """Format a line for each kernel: count, times, share of the ceiling that limits it.
 
-    The share of the ceiling is the larger one of bytes and operations at the machine's own rates
-    over the time taken. Operations are those that the package counts; most kernels move memory.
+    The share is the larger of the times for bytes and for operations at the machine's ceilings,
+    over the measured time. Operations are those that the package counts.
     """
-    found: dict[str, list[Run]] = {}
+    runs_by_name: dict[str, list[Run]] = {}
     for run in runs:
-        found.setdefault(run.name, []).append(run)
-    total = sum(run.seconds for group in found.values() for run in group)
+        runs_by_name.setdefault(run.name, []).append(run)
+    total = sum(run.seconds for group in runs_by_name.values() for run in group)
     lines = [
         f"ceilings: {scaled(ceilings.bytes_per_second)}B/s of a copy, "
         f"{scaled(ceilings.operations_per_second)}op/s of multiply-adds in registers",
         f"{'count':>7s} {'median':>10s} {'of all':>7s} {'B/s':>9s} {'op/s':>9s}"
         f" {'of ceiling':>15s}  name",
     ]
-    ordered = sorted(found.items(), key=lambda item: -sum(run.seconds for run in item[1]))
+    ordered = sorted(runs_by_name.items(), key=lambda item: -sum(run.seconds for run in item[1]))
     lines += [_profile_line(name, group, total, ceilings) for name, group in ordered]
     return "\n".join(lines)
 
@@ -198,10 +198,10 @@ def profile_text(runs: Iterable[Run], ceilings: Ceilings) -> str:
 def _profile_line(name: str, group: Sequence[Run], total: float, ceilings: Ceilings) -> str:
     spent = sum(run.seconds for run in group)
     moved, done = sum(run.nbytes for run in group), sum(run.operations for run in group)
-    share, which = ceilings.fraction(spent, moved, done)
+    share, limit = ceilings.fraction(spent, moved, done)
     median = statistics.median(run.seconds for run in group)
     rates = [f"{scaled(count / spent) if count and spent else '-':>9s}" for count in (moved, done)]
-    shown = name if len(name) <= _LONGEST else f"{name[: _LONGEST - 3]}..."
+    label = name if len(name) <= _MAX_NAME else f"{name[: _MAX_NAME - 3]}..."
     part = f"{spent / total if total else 0:7.0%}"
-    ceiling = f"{share:4.0%} {which}"
-    return f"{len(group):7d} {_time(median):>10s} {part} {' '.join(rates)} {ceiling:>15s}  {shown}"
+    ceiling = f"{share:4.0%} {limit}"
+    return f"{len(group):7d} {_time(median):>10s} {part} {' '.join(rates)} {ceiling:>15s}  {label}"

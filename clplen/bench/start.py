@@ -1,4 +1,4 @@
-"""The first call in a fresh process with empty caches, beside the second one."""
+"""Benchmark of the first call in a fresh process with empty caches, relative to the second."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from clplen.compute.device import Device
 from clplen.errors import ClplenError
 
 _STEPS = ("import clplen", "open the device", "first call", "second call")
-_BYTES = 2**30  # about what a child takes
+_BYTES = 2**30  # approximate memory of a child process
 _TIMEOUT = 300  # seconds
 # Statements that prepare a call, and the call, by size.
 _CALLS = {
@@ -56,19 +56,19 @@ print(json.dumps([begun[1] - begun[0], begun[2] - begun[1], *taken]))
 
 
 def measure_start(device: Device, size: str, repeats: int) -> Report:
-    """Return times of a call in children that begin with empty caches."""
-    taken = [_cold(device.place, size) for _ in range(repeats)]
+    """Measure a call in child processes that start with empty caches."""
+    runs = [_cold(device.place, size) for _ in range(repeats)]
     times = [
         Times(Case(name, lambda: None, 1.0, "calls"), tuple(seconds))
-        for name, seconds in zip(_STEPS, zip(*taken, strict=True), strict=True)
+        for name, seconds in zip(_STEPS, zip(*runs, strict=True), strict=True)
     ]
-    beyond = times[1].median + times[2].median - times[3].median
-    note = f"Opening the device and the first call take {beyond:.2f} s beyond the second call."
+    overhead = times[1].median + times[2].median - times[3].median
+    note = f"Opening the device and the first call take {overhead:.2f} s more than the second call."
     return Report("start", size, "time over the second call", time_rows(times, times[3]), (note,))
 
 
-def _cold(place: str, size: str) -> list[float]:
-    """Seconds of `_STEPS` in a fresh process whose caches are empty."""
+def _cold(selector: str, size: str) -> list[float]:
+    """Measure the seconds of `_STEPS` in a fresh process with empty caches."""
     prepare, call = _CALLS[size]
     with tempfile.TemporaryDirectory(prefix="clplen-start-") as name:
         (Path(name) / "pocl").mkdir()
@@ -80,7 +80,7 @@ def _cold(place: str, size: str) -> list[float]:
         }
         child = _CHILD.format(prepare=prepare, call=call)
         done = subprocess.run(
-            [sys.executable, "-W", "ignore", "-c", child, place],
+            [sys.executable, "-W", "ignore", "-c", child, selector],
             env=os.environ | caches,
             capture_output=True,
             text=True,
@@ -93,7 +93,7 @@ def _cold(place: str, size: str) -> list[float]:
 
 def _needs(size: str) -> int:
     if size not in _CALLS:
-        raise ClplenError(f"A size of this benchmark is {', '.join(_CALLS)}, not {size!r}.")
+        raise ClplenError(f"size must be among {', '.join(_CALLS)}, got {size!r}.")
     return _BYTES
 
 

@@ -1,4 +1,4 @@
-"""Propagation beside bare transforms; fields beside a multiplication; gradients beside both."""
+"""Benchmarks of propagation, fields and gradients, relative to transforms and products."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ from clplen.wave.systems.space import Space
 
 PITCH, WAVELENGTH, DISTANCE = 6.6e-6, 550e-9, 0.1
 DISTANCES = tuple(0.05 + 0.01 * n for n in range(8))
-SEVERAL = 2048  # samples a side up to which several distances are timed
+SEVERAL = 2048  # largest samples a side for timing several distances
 _SNAPSHOTS = 4
-_CELLS = 16  # of a mask, along a side of the window
+_CELLS = 16  # cells of a mask along a side of the window
 FOCAL = 5.0
 
 
 def _propagation_needs(size: str) -> int:
-    """Return the bytes of 12 arrays of N x N complex samples, of 24 with several distances."""
+    """Return the memory in bytes: 12 complex arrays of N x N, 24 with several distances."""
     (n,) = numbers(size, (1,), "N")
     return (24 if n <= SEVERAL else 12) * 8 * n * n
 
 
 def measure_propagation(device: Device, size: str, repeats: int) -> Report:
-    """Measure a step with its transfer function kept and made, and several distances."""
+    """Measure a step with and without a stored transfer function, and several distances."""
     (n,) = numbers(size, (1,), "N")
     field = speckle(n, device)
     plan = _plan(field, DISTANCE)
@@ -71,7 +71,7 @@ def measure_propagation(device: Device, size: str, repeats: int) -> Report:
 
 
 def speckle(n: int, device: Device) -> Field:
-    """Return a random field of 75 % of the band in the middle half of the window."""
+    """Create a random field over 75 % of the band in the middle half of the window."""
     rng = np.random.default_rng(2)
     spectrum = rng.normal(size=(n, n)) + 1j * rng.normal(size=(n, n))
     low = np.abs(np.fft.fftfreq(n)) < 0.375
@@ -88,25 +88,25 @@ def _plan(field: Field, z: float) -> Propagator:
 
 
 def _several(field: Field) -> Case:
-    """Return distances from one forward transform, their plans kept."""
+    """Create a propagation to several distances from one forward transform."""
     run = finished(lambda: propagate(field, DISTANCES, method="blas"), field.device)
     return Case(f"{len(DISTANCES)} distances at once", run, float(len(DISTANCES)), "distances")
 
 
 def _fields_needs(size: str) -> int:
-    """Return the bytes of eight arrays of complex samples."""
+    """Return the memory of eight complex arrays, in bytes."""
     (n,) = numbers(size, (1,), "N")
     return 8 * 8 * n * n
 
 
 def measure_fields(device: Device, size: str, repeats: int) -> Report:
-    """Measure each kernel over whole arrays; results of a lens are new arrays."""
+    """Measure each kernel over whole arrays; a lens returns a new array."""
     (n,) = numbers(size, (1,), "N")
     rng = np.random.default_rng(3)
     u = rng.random((n, n), dtype=np.float32) + np.complex64(1j)
     field = Field.from_array(u, Grid((n, n), PITCH), wavelength=WAVELENGTH, device=device)
     work, phases = (device.upload(np.exp(1j * u.real).astype(device.complex)) for _ in range(2))
-    whole = Spectrum(phases, (n, n))
+    full = Spectrum(phases, (n, n))
     part = np.exp(1j * u.real[: n // 2 + 1, : n // 2 + 1]).astype(device.complex)
     quadrant = Spectrum(device.upload(part), (n, n))
     H, diameter = _transfer(n), n * PITCH / 2
@@ -115,7 +115,7 @@ def measure_fields(device: Device, size: str, repeats: int) -> Report:
         return Case(name, finished(do, device), float(n * n), "samples")
 
     cases = [
-        case("complex multiplication", lambda: multiplied(work, whole, device, copy=False)),
+        case("complex multiplication", lambda: multiplied(work, full, device, copy=False)),
         case("transfer function, whole", lambda: H.on_device(device, "tables")),
         case("quadrant applied", lambda: multiplied(work, quadrant, device, copy=False)),
         case("thin lens", lambda: thin_lens(field, FOCAL)),
@@ -129,19 +129,19 @@ def measure_fields(device: Device, size: str, repeats: int) -> Report:
 
 
 def _transfer(n: int) -> Transfer:
-    """Return H at n x n frequencies of an FFT of as many samples, none of them mirrored."""
+    """Create H at n x n FFT frequencies, without symmetry."""
     f = np.fft.fftfreq(n, PITCH)
     return Transfer((n, n), (f, f), (np.ones(n), np.ones(n)), DISTANCE, WAVELENGTH)
 
 
 def _gradients_needs(size: str) -> int:
-    """Return the bytes of thirty arrays of N x N complex samples."""
+    """Return the memory of thirty complex arrays of N x N, in bytes."""
     (n,) = numbers(size, (1,), "N")
     return 30 * 8 * n * n
 
 
 def measure_gradients(device: Device, size: str, repeats: int) -> Report:
-    """Measure each step alone, and with its gradient by the input and by its parameters."""
+    """Measure each step alone, and with gradients of its input and parameters."""
     (n,) = numbers(size, (1,), "N")
     field = speckle(n, device)
     steps = {
@@ -159,8 +159,8 @@ def measure_gradients(device: Device, size: str, repeats: int) -> Report:
     pairs = zip(times[::2], times[1::2], strict=True)
     rows = tuple(row for pair in pairs for row in time_rows(pair, pair[0]))
     notes = (
-        "Backward holds no field between, but one in front of each part whose parameters are asked "
-        f"for, {n * n * device.complex.itemsize / 2**20:.0f} MiB, and one a snapshot.",
+        "The backward pass stores one field in front of each part with parameters, "
+        f"{n * n * device.complex.itemsize / 2**20:.0f} MiB, and one per snapshot.",
     )
     return Report("gradients", size, "time over forward alone", rows, notes)
 

@@ -41,6 +41,7 @@ from clplen.cameras.scenes.scene_sources import (
 from clplen.cameras.scenes.surface_scene import SurfaceScene
 from clplen.errors import SamplingWarning, warn_caller
 from clplen.lightfield.raw.raw_image import RawImage, Sensor
+from clplen.progress import notebook_bar
 from clplen.results import Plottable
 from clplen.wave.coherence.averaging import Checkpoint, Progress
 from clplen.wave.coherence.coherence import Coherence
@@ -106,6 +107,7 @@ class Plenoptic(Described, Plottable, RayOptics):
             camera = replace(camera, pixels=PixelArray())
         return camera
 
+    @notebook_bar("exposing")
     def expose(
         self,
         scene: Scene,
@@ -282,7 +284,7 @@ def main_lens_distances(
     distances = _lens_law(focal_length, object_distance, image_distance)
     longest = max(mla.focal_lengths)
     if longest >= distances[1]:
-        hint = units.LENSLET_FOCAL_LENGTH.meant(longest)
+        hint = units.LENSLET_FOCAL_LENGTH.suggestion(longest)
         raise ValueError(
             f"The lenslets' focal length must be shorter than the image distance of the main lens, "
             f"{distances[1]:g} m, got {longest:g} m{hint}"
@@ -333,7 +335,7 @@ def _check_aperture(D: float, F: float) -> None:
     """Raise for NA = D/(2 F) >= 1, impossible by the sine condition; warn above MAX_SCALAR_NA."""
     na = D / (2 * F)
     if na >= 1:
-        hint = units.CAMERA_DIAMETER.meant(D).rstrip(".") if D > 1 else ""
+        hint = units.CAMERA_DIAMETER.suggestion(D).rstrip(".") if D > 1 else ""
         raise ValueError(
             f"The aperture must be below {2 * F:g} m for an image {F:g} m away, because a lens has "
             f"NA < 1; got {D:g} m, NA {na:.3g}{hint or '.'}"

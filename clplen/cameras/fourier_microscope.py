@@ -48,6 +48,7 @@ from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingError, ShapeError
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.raw_image import RawImage, Sensor
+from clplen.progress import notebook_bar
 from clplen.units import metres
 from clplen.wave.coherence.averaging import Progress
 from clplen.wave.coherence.coherence import Coherence
@@ -279,6 +280,7 @@ class FourierMicroscope(Described, ObjectiveCamera):
         )  # fmt: skip
         return Description("Fourier light-field microscope", rows)
 
+    @notebook_bar("exposing")
     def expose(
         self,
         scene: PointSources | Sequence[Any],

@@ -64,6 +64,7 @@ from clplen.compute.fft.lines import smooth_length
 from clplen.errors import SamplingError, SamplingWarning, warn_caller
 from clplen.lightfield.depth.best_focus import focus_ratio, focus_ratio_of_disparity
 from clplen.lightfield.raw.raw_image import Exposure, RawImage, Sensor
+from clplen.progress import notebook_bar
 from clplen.units import metres
 from clplen.wave.coherence.averaging import Checkpoint, Progress
 from clplen.wave.coherence.coherence import Coherence
@@ -343,6 +344,7 @@ class Microscope(Described, ObjectiveCamera, LensletCamera):
             )
         return _as_given(np.where(distance >= self.native_zone, limit, np.nan))
 
+    @notebook_bar("exposing")
     def expose(
         self,
         scene: PointSources | Sequence[Any],

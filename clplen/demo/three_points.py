@@ -163,7 +163,7 @@ def _write_pictures(folder: Path, cam: Plenoptic1, raw: RawImage, lf: LightField
     details = {name: (float(y), float(x)) for name, (x, y) in zip(POINTS, images, strict=True)}
     plot.save(plot.raw_image(raw, details=details), folder / "raw.png")
     region = _region(cam)
-    plot.save(plot.views(lf, shown=6, scale="log", region=region), folder / "views.png")
+    plot.save(plot.views(lf, max_views=6, scale="log", region=region), folder / "views.png")
     rendering = plot.picture(lf.render(), title="rendering, all views", scale="log")
     plot.save(rendering, folder / "rendering.png")
     labels, rows, truths = [], [], []

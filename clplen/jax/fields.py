@@ -1,4 +1,4 @@
-"""Free-space propagation of fields that are arrays of JAX."""
+"""Free-space propagation of JAX arrays."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def propagate(
     out_grid: Grid | None = None,
     device: DeviceLike | None = None,
 ) -> jax.Array:
-    """Propagate a field through free space, with gradients by the field and by the distance.
+    """Propagate a field through free space, with gradients of the field and of the distance.
 
     Parameters
     ----------
@@ -31,32 +31,32 @@ def propagate(
         Complex amplitudes, complex64 (complex128 on a device of double precision), shape
         (..., ny, nx).
     z : float or jax.Array
-        Distance in metres; an array of JAX may be traced and gets a gradient, a float has none and
-        its plan is made at once.
+        Distance in metres. A JAX array may be traced and gets a gradient; a float has no gradient,
+        and its plan is created at once.
     grid : Grid
-        Of the field.
+        Grid of the field.
     wavelength : float
-        In metres.
+        Wavelength in metres.
     method : str
-        As in `clplen.propagate`.
+        Propagation method, see `clplen.propagate`.
     pad : float
-        As in `clplen.propagate`.
+        Padding factor, see `clplen.propagate`.
     out_grid : Grid, optional
-        Of the result, as in `clplen.propagate`.
+        Grid of the result, see `clplen.propagate`.
     device : Device or str, optional
-        Default ``Device.open()``.
+        OpenCL device; default ``Device.open()``.
 
     Returns
     -------
     jax.Array
-        Shape (..., my, mx), without the carrier exp(ikz).
+        Field of shape (..., my, mx), without the carrier exp(ikz).
 
     Raises
     ------
     TypeError
         If ``x`` has another dtype.
     ValueError, SamplingError
-        As `clplen.propagate`.
+        If `clplen.propagate` raises it.
 
     Examples
     --------

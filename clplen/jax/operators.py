@@ -1,4 +1,4 @@
-"""Linear maps of clplen as functions of JAX arrays, with gradients by their adjoints."""
+"""Linear maps of clplen as functions of JAX arrays, with gradients by adjoints."""
 
 from __future__ import annotations
 
@@ -18,36 +18,36 @@ from clplen.errors import warn_caller
 def apply(
     operator: LinearMap, x: jax.Array, *, adjoint: bool = False, check_finite: bool = True
 ) -> jax.Array:
-    """Apply a linear map to an array of JAX; gradients go back through its adjoint.
+    """Apply a linear map to a JAX array; gradients pass through its adjoint.
 
-    It works in `jax.jit` and `jax.vmap`, which maps it as one batch, and can be differentiated any
-    number of times in reverse mode (`jax.grad`, `jax.vjp`). JAX calls the host
-    (`jax.pure_callback`); a CPU device reads the array where it lies.
+    It works in `jax.jit` and `jax.vmap` (as one batch), and is differentiable any number of times
+    in reverse mode (`jax.grad`, `jax.vjp`). JAX calls the host (`jax.pure_callback`); a CPU device
+    reads the array in place.
 
     Parameters
     ----------
     operator : LinearMap
-        A map A with its adjoint A', such as a `clplen.Projector`.
+        Linear map A with its adjoint A', such as a `clplen.Projector`.
     x : jax.Array
-        Of the operator's dtype, shape ``(..., *in_shape)``: each index of the leading axes is
-        mapped by itself. A real array is taken by a complex operator too.
+        Array of the operator's dtype, shape ``(..., *in_shape)``; leading axes are a batch. A
+        complex operator accepts real arrays.
     adjoint : bool
-        Whether A' is applied in place of A, to shape ``(..., *out_shape)``.
+        True to apply A' instead of A, to shape ``(..., *out_shape)``.
     check_finite : bool
-        Whether NaN and infinity are refused, of ``x``, of the result and of gradients, with the
-        name of the operator where they arise.
+        True to raise for NaN and infinity in ``x``, in the result and in gradients, with the name
+        of the operator.
 
     Returns
     -------
     jax.Array
-        A x, or A' x.
+        Result A x or A' x.
 
     Raises
     ------
     TypeError
-        If the operator is no linear map, or ``x`` of another dtype.
+        If the operator is not a linear map, or ``x`` has another dtype.
     ShapeError
-        If its last axes are not those of the operator.
+        If the last axes differ from the operator's shape.
 
     Notes
     -----
@@ -73,46 +73,48 @@ def apply(
     warn_of_one_core()
     x = require_array(x, (np.dtype(operator.dtype),), name_of(operator))
     leading_axes(operator, tuple(x.shape), adjoint=adjoint)
-    return _linear(Same(operator), adjoint, False, check_finite, x)
+    return _linear(IdentityKey(operator), adjoint, False, check_finite, x)
 
 
-def require_array(x: Any, dtypes: tuple[np.dtype[Any], ...], what: str) -> jax.Array:
-    """An array of one of some types; a real one as the complex type of its precision."""
+def require_array(x: Any, dtypes: tuple[np.dtype[Any], ...], label: str) -> jax.Array:
+    """Return an array of an accepted dtype; convert real arrays to complex."""
     dtype = jnp.result_type(x)
     if dtype in dtypes:
         return jnp.asarray(x)
-    wanted = next((d for d in dtypes if d.kind == "c" and np.zeros(0, d).real.dtype == dtype), None)
-    if wanted is not None:
-        return jnp.asarray(x, wanted)
+    complex_dtype = next(
+        (d for d in dtypes if d.kind == "c" and np.zeros(0, d).real.dtype == dtype), None
+    )
+    if complex_dtype is not None:
+        return jnp.asarray(x, complex_dtype)
     names = " or ".join(str(d) for d in dtypes)
     is_double = any(d.itemsize == (16 if d.kind == "c" else 8) for d in dtypes)
     advice = (
         'set jax.config.update("jax_enable_x64", True) first'
         if is_double and not jax.config.jax_enable_x64
-        else f"give x.astype({str(dtypes[0])!r})"
+        else f"pass x.astype({str(dtypes[0])!r})"
     )
-    raise TypeError(f"{what} takes arrays of {names}, not {dtype}: {advice}.")
+    raise TypeError(f"{label} takes arrays of {names}, got {dtype}: {advice}.")
 
 
 def warn_of_one_core() -> None:
-    """Say that JAX may wait for ever for arrays that it hands to the host on its only thread."""
+    """Warn that JAX may deadlock on a single core when it passes arrays to the host."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     if cores == 1 and jax.config.values.get("jax_cpu_enable_async_dispatch", False):
         warn_caller(
-            "On one core JAX can wait for ever for large arrays that it hands to clplen: set "
-            'jax.config.update("jax_cpu_enable_async_dispatch", False) before it computes.',
+            "On one core JAX can deadlock on large arrays for clplen: set "
+            'jax.config.update("jax_cpu_enable_async_dispatch", False) before any computation.',
             RuntimeWarning,
         )
 
 
-class Same:
-    """An object by its identity, as what JAX keeps compiled functions for."""
+class IdentityKey:
+    """Hashable wrapper of an object by identity, a key of JAX's compiled functions."""
 
     def __init__(self, value: Any) -> None:
         self.value = value
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Same) and other.value is self.value
+        return isinstance(other, IdentityKey) and other.value is self.value
 
     def __hash__(self) -> int:
         return id(self.value)
@@ -120,20 +122,20 @@ class Same:
 
 @partial(jax.custom_vjp, nondiff_argnums=(0, 1, 2, 3))
 def _linear(
-    operator: Same, adjoint: bool, of_gradient: bool, check: bool, x: jax.Array
+    operator: IdentityKey, adjoint: bool, of_gradient: bool, check: bool, x: jax.Array
 ) -> jax.Array:
-    """A x or A' x; whether x is a gradient is known for messages."""
+    """Compute A x or A' x; ``of_gradient`` selects the messages."""
     linear = operator.value
     lead = leading_axes(linear, tuple(x.shape), adjoint=adjoint)
     shape = (*lead, *(linear.in_shape if adjoint else linear.out_shape))
     call = partial(_on_host, operator, adjoint, of_gradient, check)
-    # one operand: what vmap adds is one more leading axis of it
+    # a single operand, to which vmap adds a leading axis
     return jax.pure_callback(
         call, jax.ShapeDtypeStruct(shape, x.dtype), x, vmap_method="broadcast_all"
     )
 
 
-def _on_host(operator: Same, adjoint: bool, of_gradient: bool, check: bool, x: Any) -> Any:
+def _on_host(operator: IdentityKey, adjoint: bool, of_gradient: bool, check: bool, x: Any) -> Any:
     return run_linear(
         operator.value,
         np.asarray(x),
@@ -144,13 +146,13 @@ def _on_host(operator: Same, adjoint: bool, of_gradient: bool, check: bool, x: A
 
 
 def _forward(
-    operator: Same, adjoint: bool, of_gradient: bool, check: bool, x: jax.Array
+    operator: IdentityKey, adjoint: bool, of_gradient: bool, check: bool, x: jax.Array
 ) -> tuple[jax.Array, None]:
     return _linear(operator, adjoint, of_gradient, check, x), None
 
 
 def _backward(
-    operator: Same, adjoint: bool, of_gradient: bool, check: bool, _: None, ct: jax.Array
+    operator: IdentityKey, adjoint: bool, of_gradient: bool, check: bool, _: None, ct: jax.Array
 ) -> tuple[jax.Array]:
     return (jnp.conj(_linear(operator, not adjoint, True, check, jnp.conj(ct))),)
 

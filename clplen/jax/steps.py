@@ -1,4 +1,4 @@
-"""Steps with a pullback of their own, linear or not, as functions of JAX arrays with gradients."""
+"""Differentiable steps with their own pullback, linear or not, as functions of JAX arrays."""
 
 from __future__ import annotations
 
@@ -24,34 +24,33 @@ def apply_step(
     name: str | None = None,
     check_finite: bool = True,
 ) -> jax.Array:
-    """Apply a step that brings its own gradients, between arrays of JAX.
+    """Apply a step with its own gradients to JAX arrays.
 
-    It works in `jax.jit` and, one index after the other, in `jax.vmap`. JAX may call ``forward``
-    more often than once: the backward pass computes it again for its pullback.
+    It works in `jax.jit` and, index by index, in `jax.vmap`. JAX may call ``forward`` several
+    times: the backward pass repeats it for its pullback.
 
     Parameters
     ----------
     forward : callable
-        As of `clplen.torch.apply_step`: ``forward(*arrays, *parameters)`` returns
-        ``(output, pullback)``. Give the same function again, not a new one each time, where
-        compiled functions are to be used again.
+        Function ``forward(*arrays, *parameters)`` that returns ``(output, pullback)``, see
+        `clplen.torch.apply_step`. Pass the same function object again to reuse compiled functions.
     *arrays : jax.Array
-        Real or complex, of the device's precision.
+        Real or complex arrays, of the device's precision.
     out : jax.ShapeDtypeStruct
         Shape and dtype of the output.
     parameters : sequence of jax.Array
-        Real ones that are needed on the host, such as distances or coefficients.
+        Real values for the host, such as distances or coefficients.
     device : Device or str, optional
-        Default ``Device.open()``.
+        OpenCL device; default ``Device.open()``.
     name : str, optional
-        Of the step in messages; default that of ``forward``.
+        Name of the step in messages; default the name of ``forward``.
     check_finite : bool
-        Whether NaN and infinity are refused, with the name of the step where they arise.
+        True to raise for NaN and infinity, with the name of the step.
 
     Returns
     -------
     jax.Array
-        The output, which can be differentiated once, in reverse mode.
+        Output, differentiable once in reverse mode.
 
     Raises
     ------
@@ -85,7 +84,7 @@ def apply_step(
     for x in parameters:
         if jnp.result_type(x).kind != "f":
             raise TypeError(
-                f"{step.name} takes real parameters, not of {jnp.result_type(x)}: give floats."
+                f"{step.name} takes real parameters, got {jnp.result_type(x)}: pass floats."
             )
     inputs = tuple(jnp.asarray(x) for x in (*arrays, *parameters))
     return _step(step, (tuple(out.shape), np.dtype(out.dtype)), *inputs)
@@ -93,7 +92,7 @@ def apply_step(
 
 @partial(jax.custom_vjp, nondiff_argnums=(0, 1))
 def _step(step: Step, out: tuple[tuple[int, ...], Any], *inputs: jax.Array) -> jax.Array:
-    """The output of a step."""
+    """Return the output of a step."""
     struct = jax.ShapeDtypeStruct(*out)
     return jax.pure_callback(partial(_output, step), struct, *inputs, vmap_method="sequential")
 
@@ -103,34 +102,34 @@ def _output(step: Step, *inputs: Any) -> Any:
 
 
 def _forward(step: Step, out: Any, *inputs: Any) -> tuple[jax.Array, Any]:
-    """The output, the inputs, and a mark in the structure for each that needs a gradient."""
+    """Return output and residuals: the inputs, and a mark for each that needs a gradient."""
     values = tuple(x.value for x in inputs)
     return _step(step, out, *values), (values, tuple(None if x.perturbed else () for x in inputs))
 
 
-def _backward(step: Step, out: Any, kept: Any, ct: Any) -> tuple[jax.Array, ...]:
-    inputs, marks = kept
+def _backward(step: Step, out: Any, residuals: Any, ct: Any) -> tuple[jax.Array, ...]:
+    inputs, marks = residuals
     if isinstance(ct, jax.custom_derivatives.SymbolicZero):
         ct = jnp.zeros(ct.shape, ct.dtype)
     structs = tuple(jax.ShapeDtypeStruct(x.shape, x.dtype) for x in inputs)
     call = partial(_gradients, step, tuple(mark is None for mark in marks))
-    found = jax.pure_callback(call, structs, jnp.conj(ct), *inputs, vmap_method="sequential")
-    return tuple(jnp.conj(grad) for grad in found)
+    gradients = jax.pure_callback(call, structs, jnp.conj(ct), *inputs, vmap_method="sequential")
+    return tuple(jnp.conj(grad) for grad in gradients)
 
 
-def _gradients(step: Step, wanted: tuple[bool, ...], g: Any, *inputs: Any) -> tuple[Any, ...]:
-    """The gradient of each input, 0 where none is needed."""
+def _gradients(step: Step, required: tuple[bool, ...], g: Any, *inputs: Any) -> tuple[Any, ...]:
+    """Return the gradient of each input, 0 where none is required."""
     values = [np.asarray(x) for x in inputs]
-    found = step.run(values)[1](np.asarray(g))
-    for number, (grad, needed) in enumerate(zip(found, wanted, strict=True)):
-        if needed and grad is None:
+    gradients = step.run(values)[1](np.asarray(g))
+    for number, (grad, is_required) in enumerate(zip(gradients, required, strict=True)):
+        if is_required and grad is None:
             raise ValueError(
                 f"{step.name} has no gradient of its input {number + 1}, of shape "
-                f"{values[number].shape}: give it as jax.lax.stop_gradient(x)."
+                f"{values[number].shape}: pass jax.lax.stop_gradient(x)."
             )
     return tuple(
         np.zeros(x.shape, x.dtype) if grad is None else grad
-        for x, grad in zip(values, found, strict=True)
+        for x, grad in zip(values, gradients, strict=True)
     )
 
 

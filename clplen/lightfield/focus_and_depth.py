@@ -51,8 +51,10 @@ from clplen.lightfield.streaming.tile_reading import (
     fast_source,
     read_tiles,
 )
+from clplen.progress import notebook_bar
 
 
+@notebook_bar("estimating depth")
 def depth_map(
     source: LightField | StoredLightField | FocalStack | ArrayLike,
     *,
@@ -188,6 +190,7 @@ def _surveyed(source: Source, plan: StreamPlan, cue: Cue, device: Device) -> Any
     return survey.finish()
 
 
+@notebook_bar("focusing")
 def all_in_focus(
     source: LightField | StoredLightField | FocalStack | ArrayLike,
     *,

@@ -1,7 +1,7 @@
 """Figures of fields, raw images, views, stacks, depth and optical systems (no display needed).
 
-Every function returns a `matplotlib.figure.Figure`; `save` writes it. Values are shown linearly
-unless the colour bar says otherwise.
+Every function returns a `matplotlib.figure.Figure`; `save` writes it to a file. The colour scale is
+linear unless the colour bar names another.
 """
 
 from lazy_loader import attach_stub

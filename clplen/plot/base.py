@@ -1,7 +1,10 @@
-"""What all figures share: style, scales of values, colour bars, files."""
+"""Shared parts of all figures: style, colour scales, colour bars, files."""
 
 from __future__ import annotations
 
+from base64 import b64encode
+from html import escape
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -22,8 +25,9 @@ Scale = Literal["linear", "log", "root"]
 Region = tuple[slice, slice]
 
 LIGHT = "inferno"  # perceptually uniform: brightness follows the value
-WHOLE: Region = (slice(None), slice(None))
-_DECADES = 3
+FULL_REGION: Region = (slice(None), slice(None))
+_DECADES = 3  # range of a logarithmic scale
+_NOTEBOOK_DPI = 100  # dots per inch of a picture in a notebook
 _ENDINGS = (".png", ".pdf", ".svg")
 styled = matplotlib.rc_context(
     {
@@ -38,21 +42,21 @@ styled = matplotlib.rc_context(
 
 
 def save(figure: Figure, path: PathLike, *, dpi: int = 150) -> None:
-    """Write a figure as PNG, PDF or SVG, whole or not at all.
+    """Write a figure atomically as PNG, PDF or SVG.
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure
-        What is written, as the functions of `clplen.plot` return it.
+        Figure, such as the functions of `clplen.plot` return.
     path : path-like
-        ``.png``, ``.pdf`` or ``.svg``.
+        Output file, ``.png``, ``.pdf`` or ``.svg``.
     dpi : int
-        Dots an inch; in PDF and SVG, of the images in it.
+        Resolution in dots per inch; in PDF and SVG, resolution of the images.
 
     Raises
     ------
     ValueError
-        For another ending.
+        If the file has another ending.
     OSError
         If the file cannot be written.
 
@@ -66,30 +70,27 @@ def save(figure: Figure, path: PathLike, *, dpi: int = 150) -> None:
     """
     ending = Path(path).suffix.lower()
     if ending not in _ENDINGS:
-        raise ValueError(
-            f"A figure is written as {', '.join(_ENDINGS)}, not as {path}: name a "
-            "file that ends so."
-        )
+        raise ValueError(f"path must end in {', '.join(_ENDINGS)}, got {path}.")
     check_positive(dpi=dpi)
-    about = {"Software" if ending == ".png" else "Creator": MARK}
+    metadata = {"Software" if ending == ".png" else "Creator": MARK}
     with replacing(path) as temporary:
-        figure.savefig(temporary, dpi=dpi, format=ending[1:], metadata=about)
+        figure.savefig(temporary, dpi=dpi, format=ending[1:], metadata=metadata)
 
 
 def rendered(figure: Figure, *, dpi: int = 100) -> Array:
-    """Return a figure as a picture, for films.
+    """Render a figure as an array, for animations.
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure
-        As the functions of `clplen.plot` return it.
+        Figure, such as the functions of `clplen.plot` return.
     dpi : int
-        Dots an inch.
+        Resolution in dots per inch.
 
     Returns
     -------
     numpy.ndarray
-        uint8, shape (y, x, 3), what `clplen.io.write_animation` takes.
+        Picture, uint8, shape (y, x, 3), for `clplen.io.write_animation`.
 
     Examples
     --------
@@ -105,14 +106,42 @@ def rendered(figure: Figure, *, dpi: int = 100) -> Array:
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
+def _png(figure: Figure) -> bytes:
+    data = BytesIO()
+    figure.savefig(data, format="png", dpi=_NOTEBOOK_DPI)
+    return data.getvalue()
+
+
+class NotebookFigure(Figure):
+    """Figure that a notebook shows as the last line of a cell, without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        """Return the figure as PNG."""
+        return _png(self)
+
+
+class FigureDict(dict[str, Figure]):
+    """Figures by name, all of which a notebook shows."""
+
+    def _repr_html_(self) -> str:
+        """Return the figures as images of a page."""
+        pictures = (
+            (escape(name, quote=True), b64encode(_png(figure)).decode())
+            for name, figure in self.items()
+        )
+        return "".join(
+            f'<img alt="{name}" src="data:image/png;base64,{data}">' for name, data in pictures
+        )
+
+
 def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure of so many inches, laid out so that nothing overlaps."""
-    return Figure(figsize=(width, height), layout="constrained")
+    """Create an empty figure of a size in inches, with a layout that avoids overlaps."""
+    return NotebookFigure(figsize=(width, height), layout="constrained")
 
 
-def spread(count: int, shown: int) -> list[int]:
-    """At most ``shown`` of ``count`` indices in even steps, symmetric about the middle."""
-    for number in range(min(count, shown), 1, -1):
+def spread(count: int, limit: int) -> list[int]:
+    """Return up to ``limit`` of ``count`` indices in even steps, symmetric about the middle."""
+    for number in range(min(count, limit), 1, -1):
         step = (count - 1) // (number - 1)
         left, odd = divmod(count - 1 - (number - 1) * step, 2)
         if not odd and left < step:
@@ -121,12 +150,12 @@ def spread(count: int, shown: int) -> list[int]:
 
 
 def coordinates(count: int, step: float) -> Array:
-    """Return millimetres from the middle of an axis of samples ``step`` metres apart."""
+    """Return coordinates in millimetres from the middle of an axis, sampled every ``step`` m."""
     return (np.arange(count) - (count - 1) / 2) * step * 1e3
 
 
 def placed(region: Region, shape: tuple[int, ...]) -> tuple[float, float, float, float]:
-    """Extent of a part of an image in its own pixels."""
+    """Return the extent of a part of an image in its own pixels."""
     y, x = (part.indices(n) for part, n in zip(region, shape, strict=False))
     return (x[0] - 0.5, x[1] - 0.5, y[1] - 0.5, y[0] - 0.5)
 
@@ -138,34 +167,34 @@ def centred(shape: tuple[int, ...], step: float) -> tuple[float, float, float, f
 
 
 def norm_of(values: Array, scale: Scale, decades: int = _DECADES) -> Normalize:
-    """Return how values become colours, up to the largest finite one; "log" over decades."""
+    """Return the colour normalization up to the largest finite value; "log" spans decades."""
     if scale not in get_args(Scale):
-        raise ValueError(f"A scale of values is one of {get_args(Scale)}, not {scale!r}.")
-    known = values[np.isfinite(values)]
-    highest = float(known.max() if known.size else 0.0) or 1.0
+        raise ValueError(f"scale must be one of {get_args(Scale)}, got {scale!r}.")
+    finite = values[np.isfinite(values)]
+    highest = float(finite.max() if finite.size else 0.0) or 1.0
     if scale == "log":
         return LogNorm(highest * 10.0**-decades, highest)
     if scale == "root":
         return PowerNorm(0.5, 0, highest)
-    return Normalize(min(0.0, float(known.min(initial=0.0))), highest)
+    return Normalize(min(0.0, float(finite.min(initial=0.0))), highest)
 
 
 def verbatim(text: str) -> str:
-    """Return a name or another foreign text as matplotlib draws it unchanged.
+    """Escape a text so that matplotlib draws it unchanged.
 
-    Dollar signs begin no formula, and an underscore at the beginning hides no line of a legend.
+    Dollar signs start no formula, and a leading underscore hides no line of a legend.
     """
     hidden = "\u200b" if text.startswith("_") else ""
     return hidden + printable(text).replace("$", r"\$")
 
 
-def said(scale: Scale) -> str:
-    """The words that a colour bar adds."""
+def scale_suffix(scale: Scale) -> str:
+    """Return the suffix of a colour bar's label for a scale."""
     return {"linear": "", "log": " (logarithmic)", "root": " (square root)"}[scale]
 
 
-def cut(values: Array, norm: Normalize) -> str:
-    """On which sides the colours leave values out, as the arrows of a colour bar."""
+def clipped_sides(values: Array, norm: Normalize) -> str:
+    """Return the sides beyond the colour range, as the ``extend`` of a colour bar."""
     below, above = bool((values < norm.vmin).any()), bool((values > norm.vmax).any())
     return {(False, False): "neither", (True, False): "min", (False, True): "max"}.get(
         (below, above), "both"
@@ -173,37 +202,41 @@ def cut(values: Array, norm: Normalize) -> str:
 
 
 def for_display(values: Array, norm: Normalize) -> Array:
-    """Return values that the colour scale can show; colours become 0 to 1, linearly."""
+    """Clip values to the colour range; scale colour pictures linearly to 0 to 1."""
     if values.ndim == 3:
         return np.clip(values / norm.vmax, 0, 1)
     return np.clip(values, norm.vmin, None)
 
 
 class Shades:
-    """One scale of values for the images of a figure, with one colour bar."""
+    """Common colour scale of the images of a figure, with a colour bar."""
 
     def __init__(self, values: Array, scale: Scale, decades: int = _DECADES) -> None:
         self._values, self._scale = values, scale
         self.norm = norm_of(values, scale, decades)
         self._drawn: Any = None
 
-    def show(self, axes: Axes, values: Array, **how: Any) -> None:
-        """Draw an image; ``how`` is for `imshow`."""
-        shown = for_display(values, self.norm)
-        self._drawn = axes.imshow(shown, cmap=LIGHT, norm=self.norm, **how)
+    def show(self, axes: Axes, values: Array, **options: Any) -> None:
+        """Draw an image; ``options`` go to `imshow`."""
+        picture = for_display(values, self.norm)
+        self._drawn = axes.imshow(picture, cmap=LIGHT, norm=self.norm, **options)
 
-    def bar(self, figure: Figure, label: str, **where: Any) -> None:
+    def bar(self, figure: Figure, label: str, **options: Any) -> None:
         """Add the colour bar beside the axes ``ax``, or into the axes ``cax``."""
-        if "ax" in where:
-            where |= {"shrink": 0.9, "pad": 0.02}
-        extend = cut(self._values, self.norm)
-        figure.colorbar(self._drawn, label=label + said(self._scale), extend=extend, **where)
+        if "ax" in options:
+            options |= {"shrink": 0.9, "pad": 0.02}
+        extend = clipped_sides(self._values, self.norm)
+        figure.colorbar(
+            self._drawn, label=label + scale_suffix(self._scale), extend=extend, **options
+        )
 
 
-def draw(figure: Figure, axes: Axes, values: Array, scale: Scale, label: str, **how: Any) -> None:
-    """An image with its colour bar; no label, no bar. ``how`` is for `imshow`."""
+def draw(
+    figure: Figure, axes: Axes, values: Array, scale: Scale, label: str, **options: Any
+) -> None:
+    """Draw an image, and its colour bar if it has a label; ``options`` go to `imshow`."""
     shades = Shades(values, scale)
-    shades.show(axes, values, **{"interpolation": "antialiased"} | how)
+    shades.show(axes, values, **{"interpolation": "antialiased"} | options)
     if label:
         shades.bar(figure, label, ax=axes)
 

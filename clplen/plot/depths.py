@@ -18,44 +18,44 @@ from clplen.lightfield.focused.focused_depth import FocusedMaps
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import CameraModel
-from clplen.plot.base import LIGHT, Array, bar, coordinates, cut, new_figure, styled
+from clplen.plot.base import LIGHT, Array, bar, clipped_sides, coordinates, new_figure, styled
 
 _DISPARITY = "disparity / pixel per view step (nearer: larger)"
-_ROUNDING = 1e-3  # of a confidence
-_DRAWN = 800  # pixels along the longer side that are drawn, at least: more only take memory
-_SURE = 0.5  # confidence from which on a pixel counts as sure, as in `clplen depth`
-_FAINTEST = 0.35  # opacity of a pixel of confidence 0
+_MIN_CONFIDENCE = 1e-3  # smaller confidences are rounding errors
+_MIN_PIXELS = 800  # drawn along the longer side; more would only take memory
+_OPAQUE = 0.5  # confidence from which a pixel is opaque, as in `clplen depth`
+_MIN_OPACITY = 0.35  # opacity at confidence 0
 _GREY = "0.7"
-_MARGIN = 0.1  # inches round a panel
-_LINE, _ROW = 48, 0.2  # letters over one panel, inches a line of them
-_COLOURS = ("#0072b2", "#009e73", "#e69f00", "#cc3311")  # told apart by the colour-blind too
+_MARGIN = 0.1  # inches around a panel
+_LINE, _ROW = 48, 0.2  # letters per line of a title, inches per line
+_COLOURS = ("#0072b2", "#009e73", "#e69f00", "#cc3311")  # safe for colour-blind readers
 
 
 @styled
 def energy_curves(
     groups: Mapping[str, Sequence[tuple[str, AlphaEstimate, float]]],
 ) -> Figure:
-    """Draw the spectral energy against alpha, a panel for each method.
+    """Draw spectral energy over alpha, a panel per method.
 
-    Triangles mark the estimates, dotted lines the true alpha. A panel shows four curves at most.
+    Triangles mark the estimates, dotted lines the true alpha. A panel has at most four curves.
 
     Parameters
     ----------
     groups : mapping
-        From the name of a method to its (label, estimate, true alpha); each curve is divided by
-        its maximum. The estimates are those of `clplen.estimate_alpha`.
+        Mapping of the name of a method to (label, estimate, true alpha) of each curve, with
+        estimates from `clplen.estimate_alpha`. Each curve is divided by its maximum.
 
     Returns
     -------
     matplotlib.figure.Figure
-        The panels side by side with shared axes, and one legend.
+        Panels side by side with shared axes, and one legend.
 
     Examples
     --------
     >>> values = np.random.default_rng(1).random((5, 5, 32, 32), np.float32)
     >>> lf = clplen.LightField.from_array(values, spacing=(-1e-3, -1e-3, 150e-6, 150e-6))
-    >>> found = clplen.estimate_alpha(lf, method="energy")
-    >>> figure = clplen.plot.energy_curves({"energy": [("0 mm", found, 1.0)]})
+    >>> estimate = clplen.estimate_alpha(lf, method="energy")
+    >>> figure = clplen.plot.energy_curves({"energy": [("0 mm", estimate, 1.0)]})
     >>> figure.axes[0].get_title()
     'energy'
     """
@@ -84,17 +84,17 @@ def energy_curves(
 def alpha_curve(
     camera: CameraModel, estimates: Mapping[str, Sequence[tuple[float, float]]], *, reach: float
 ) -> Figure:
-    """Draw alpha(dz) of a camera with estimates on it, and their errors below.
+    """Draw alpha(dz) of a camera with estimates, and their errors below.
 
     Parameters
     ----------
     camera : CameraModel
-        Gives the curve, F/F' by the lens law.
+        Camera that gives the curve, F/F' by the lens law.
     estimates : mapping
-        From the name of a method to its (dz in metres, estimated alpha); four methods at most are
-        drawn.
+        Mapping of the name of a method to its (dz in metres, estimated alpha), at most four
+        methods.
     reach : float
-        The curve is drawn for abs(dz) up to this, in metres.
+        Largest abs(dz) of the curve, in metres.
 
     Returns
     -------
@@ -118,10 +118,10 @@ def alpha_curve(
     upper.plot(dz * 1e3, camera.alpha(dz), color="0.25", lw=1.3, label="F/F' by the lens law")
     lower.axhline(0, color="0.25", lw=1.3)
     for colour, marker, (name, points) in zip(_COLOURS, "s^ox", estimates.items(), strict=False):
-        at, found = (float64_array(values) for values in zip(*points, strict=True))
+        depths, alphas = (float64_array(values) for values in zip(*points, strict=True))
         style = {"color": colour, "marker": marker, "ls": "", "ms": 6, "mfc": "none", "mew": 1.4}
-        upper.plot(at * 1e3, found, label=name, **style)
-        lower.plot(at * 1e3, found - camera.alpha(at), **style)
+        upper.plot(depths * 1e3, alphas, label=name, **style)
+        lower.plot(depths * 1e3, alphas - camera.alpha(depths), **style)
     upper.axhline(1, color="0.8", lw=0.7, zorder=0)
     upper.axvline(0, color="0.8", lw=0.7, zorder=0)
     upper.set(ylabel=r"$\alpha$ = F/F'", title="depth from focus")
@@ -138,31 +138,31 @@ def phase_space(
     labels: Sequence[str],
     truths: Sequence[float] = (),
 ) -> Figure:
-    """Draw slices (x, u) of a light field in metres: place on the lenslets and on the main lens.
+    """Draw slices (x, u) of a light field: positions on the lenslets and on the main lens.
 
-    A point is a line of slope dx/du = 1 - alpha.
+    The image of a point is a line of slope dx/du = 1 - alpha.
 
     Parameters
     ----------
     lf : LightField or array_like
-        One channel, with spacing.
+        Light field of one channel, with spacing.
     rows : sequence of int
         Row y of each slice; each is summed over v and three rows about y.
     labels : sequence of str
-        One for each row.
+        Labels of the rows.
     truths : sequence of float
-        alpha of the point in each row, drawn as a line through the slice's centre of light.
+        True alpha of the point in each row, drawn as a line through the slice's centroid.
 
     Returns
     -------
     matplotlib.figure.Figure
-        A panel for each row, axes in mm; 12 samples of x on both sides of the centre of light.
+        A panel for each row, axes in mm; 12 samples of x on both sides of the centroid.
         Each slice is divided by its maximum.
 
     Raises
     ------
     ValueError
-        If the light field has several channels or no spacing, or there is not one label a row.
+        If the light field has several channels or no spacing, or labels do not match the rows.
 
     Examples
     --------
@@ -174,9 +174,9 @@ def phase_space(
     """
     lf = as_lightfield(lf)
     if lf.spacing is None or len(lf.shape) != 4:
-        raise ValueError("A phase-space plot needs one channel and the spacing in metres.")
+        raise ValueError("lf must have one channel and a spacing in metres for a phase-space plot.")
     if not all(0 <= y < lf.shape[2] for y in rows):
-        raise ValueError(f"Rows lie in a view, 0 to {lf.shape[2] - 1}, not {rows!r}.")
+        raise ValueError(f"rows must lie between 0 and {lf.shape[2] - 1}, got {rows!r}.")
     values = lf.to_numpy()
     _, du, _, dx = lf.spacing
     u, x = coordinates(lf.shape[1], du), coordinates(lf.shape[3], dx)
@@ -205,21 +205,20 @@ def phase_space(
 
 
 @styled
-def depth(found: DepthMap | ArrayLike, *, title: str = "") -> Figure:
+def depth(depth_map: DepthMap | ArrayLike, *, title: str = "") -> Figure:
     """Draw a disparity map and its confidence, with colour bars.
 
-    The colours span the 2nd to the 98th percentile of all pixels but those of confidence 0. What
-    lies outside is cut in the colours (the arrows of the bar say so), never in the data. Pixels
-    less sure than 0.5 are paler in proportion, and those without a disparity are grey. Where the
-    confidence is 0 throughout (but for rounding), the picture says that there is nothing to tell
-    depth by.
+    Colours span the 2nd to the 98th percentile of all pixels with a confidence above 0; arrows of
+    the colour bar mark clipped values. Pixels with a confidence below 0.5 are paler in proportion,
+    and pixels without a disparity are grey. If the confidence is 0 everywhere, a text in the
+    picture says that the scene has no texture for depth.
 
     Parameters
     ----------
-    found : DepthMap or array_like
-        As `clplen.depth_map` returns it, or its disparities, shape (y, x).
+    depth_map : DepthMap or array_like
+        Depth map, such as `clplen.depth_map` returns, or disparities, shape (y, x).
     title : str
-        Over the disparity; default "disparity".
+        Title over the disparity; default "disparity".
 
     Returns
     -------
@@ -230,43 +229,43 @@ def depth(found: DepthMap | ArrayLike, *, title: str = "") -> Figure:
     Examples
     --------
     >>> values = np.random.default_rng(1).random((3, 3, 32, 32), np.float32)
-    >>> found = clplen.depth_map(clplen.LightField.from_array(values), disparities=[-1, 0, 1])
-    >>> figure = clplen.plot.depth(found, title="noise")
+    >>> disparity = clplen.depth_map(clplen.LightField.from_array(values), disparities=[-1, 0, 1])
+    >>> figure = clplen.plot.depth(disparity, title="noise")
     >>> [axes.get_title() for axes in figure.axes[:2]]
     ['noise', 'confidence']
     """
-    found = as_depth_map(found)
-    return _map(found.disparity, found.confidence, title or "disparity", _DISPARITY)
+    depth_map = as_depth_map(depth_map)
+    return _map(depth_map.disparity, depth_map.confidence, title or "disparity", _DISPARITY)
 
 
 @styled
-def truth(found: Truth, *, title: str = "") -> Figure:
-    """Draw the exact disparity of a synthetic scene; grey where there is no surface.
+def truth(ground_truth: Truth, *, title: str = "") -> Figure:
+    """Draw the exact disparity of a synthetic scene; pixels without a surface are grey.
 
     Parameters
     ----------
-    found : Truth
-        As `clplen.SurfaceScene.light_field` returns it beside the light field.
+    ground_truth : Truth
+        Ground truth, such as `clplen.SurfaceScene.light_field` returns with the light field.
     title : str
-        Over the picture; default "disparity of the scene".
+        Title over the picture; default "disparity of the scene".
 
     Returns
     -------
     matplotlib.figure.Figure
-        The disparity in pixels a view step, nearer is larger, from the least to the largest; axes
-        in pixels.
+        The disparity in pixels a view step, nearer is larger, from the smallest to the largest;
+        axes in pixels.
 
     Examples
     --------
     >>> texture = clplen.cameras.Texture(np.random.default_rng(1).random((16, 16)))
     >>> scene = clplen.SurfaceScene([clplen.cameras.Plane(0.5, texture=texture)])
-    >>> lf, found = scene.light_field(views=(3, 3), shape=(32, 32))
-    >>> clplen.plot.truth(found).axes[0].get_title()
+    >>> lf, ground_truth = scene.light_field(views=(3, 3), shape=(32, 32))
+    >>> clplen.plot.truth(ground_truth).axes[0].get_title()
     'disparity of the scene'
     """
-    values = found.disparity
-    known = values[np.isfinite(values)]
-    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    values = ground_truth.disparity
+    finite = values[np.isfinite(values)]
+    low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
     figure = new_figure(5.6, 5.0 * min(2.0, values.shape[0] / values.shape[1]) + 0.2)
     axes = figure.add_subplot()
     axes.set_facecolor(_GREY)
@@ -277,15 +276,15 @@ def truth(found: Truth, *, title: str = "") -> Figure:
 
 
 @styled
-def focused_depth(found: FocusedMaps, *, title: str = "") -> Figure:
+def focused_depth(maps: FocusedMaps, *, title: str = "") -> Figure:
     """Draw the magnification m = b/a of a focused camera and its confidence; see `magnification`.
 
     Parameters
     ----------
-    found : FocusedMaps
-        As `clplen.lightfield.focused_maps` returns it.
+    maps : FocusedMaps
+        Maps, such as `clplen.lightfield.focused_maps` returns.
     title : str
-        Over the map of m; default "m = b/a".
+        Title over the map of m; default "m = b/a".
 
     Returns
     -------
@@ -294,14 +293,14 @@ def focused_depth(found: FocusedMaps, *, title: str = "") -> Figure:
 
     Examples
     --------
-    >>> m, z, sure = np.random.default_rng(1).random((3, 16, 16))
+    >>> m, z, confidence = np.random.default_rng(1).random((3, 16, 16))
     >>> from clplen.lightfield.focused.focused_picture import PictureGrid
     >>> grid = PictureGrid((0.0, 0.0), 1.0, (16, 16))
-    >>> found = clplen.lightfield.FocusedMaps(grid, m, z, sure)
-    >>> clplen.plot.focused_depth(found).axes[0].get_title()
+    >>> maps = clplen.lightfield.FocusedMaps(grid, m, z, confidence)
+    >>> clplen.plot.focused_depth(maps).axes[0].get_title()
     'm = b/a'
     """
-    return _magnification(found.m, found.confidence, title)
+    return _magnification(maps.m, maps.confidence, title)
 
 
 @styled
@@ -311,9 +310,9 @@ def magnification(m: ArrayLike, confidence: ArrayLike, *, title: str = "") -> Fi
     Parameters
     ----------
     m, confidence : array_like
-        Shape (y, x), such as those of `clplen.lightfield.focused.focused_depth.FocusedMaps`.
+        Maps of shape (y, x), such as the fields of `clplen.lightfield.FocusedMaps`.
     title : str
-        Over the map of m; default "m = b/a".
+        Title over the map of m; default "m = b/a".
 
     Returns
     -------
@@ -336,49 +335,49 @@ def _magnification(m: Array, confidence: Array, title: str) -> Figure:
 
 
 def _map(values: Array, confidence: Array, title: str, label: str) -> Figure:
-    """A map that is paler where it is not sure, beside its confidence.
+    """Draw a map, paler where confidence is low, beside its confidence.
 
-    Where no confidence is known, as of a file that holds none, everything counts as sure.
+    A map without any known confidence is drawn as if confidence were 1.
     """
-    known = np.isfinite(confidence)
-    confidence = np.where(known, confidence, 0.0 if known.any() else 1.0)
-    norm = _range_of_known(values, confidence)
+    is_known = np.isfinite(confidence)
+    confidence = np.where(is_known, confidence, 0.0 if is_known.any() else 1.0)
+    norm = _colour_range(values, confidence)
     height, width = values.shape
-    every = max(1, max(height, width) // _DRAWN)
-    drawn_values, drawn_sure = (a[::every, ::every] for a in (values, confidence))
-    place = {"extent": (-0.5, width - 0.5, height - 0.5, -0.5)}
+    step = max(1, max(height, width) // _MIN_PIXELS)
+    drawn_values, drawn_confidence = (a[::step, ::step] for a in (values, confidence))
+    extent = {"extent": (-0.5, width - 0.5, height - 0.5, -0.5)}
     lines = textwrap.wrap(title, _LINE)
     tall = 4.0 * min(1.6, height / width) + 0.6 + _ROW * len(lines)
     figure = new_figure(9.6, tall)
     left, right = figure.subplots(1, 2)
     left.set_facecolor(_GREY)
-    shown = _FAINTEST + (1 - _FAINTEST) * np.clip(drawn_sure / _SURE, 0, 1)
-    drawn = left.imshow(drawn_values, cmap="viridis", norm=norm, alpha=shown, **place)
-    if confidence.max() > _ROUNDING:
-        bar(figure, drawn, left, label, extend=cut(values, norm))
+    opacity = _MIN_OPACITY + (1 - _MIN_OPACITY) * np.clip(drawn_confidence / _OPAQUE, 0, 1)
+    drawn = left.imshow(drawn_values, cmap="viridis", norm=norm, alpha=opacity, **extent)
+    if confidence.max() > _MIN_CONFIDENCE:
+        bar(figure, drawn, left, label, extend=clipped_sides(values, norm))
     else:
         drawn.set_visible(False)
-        words = "no texture between the planes:\nnothing to tell depth by"
-        left.text(0.5, 0.5, words, ha="center", va="center", transform=left.transAxes)
-    if (shown < 1).any():
-        words = f"pale: confidence below {_SURE:g} (the paler, the less)"
-        figure.supxlabel(words, fontsize=8, color="0.3")
-    drawn = right.imshow(drawn_sure, cmap=LIGHT, vmin=0, vmax=1, **place)
-    drawn.set_visible(bool(known.any()))
+        note = "no texture between the planes:\nnothing to tell depth by"
+        left.text(0.5, 0.5, note, ha="center", va="center", transform=left.transAxes)
+    if (opacity < 1).any():
+        note = f"pale: confidence below {_OPAQUE:g} (the paler, the less)"
+        figure.supxlabel(note, fontsize=8, color="0.3")
+    drawn = right.imshow(drawn_confidence, cmap=LIGHT, vmin=0, vmax=1, **extent)
+    drawn.set_visible(bool(is_known.any()))
     right.set_facecolor(_GREY)
     bar(figure, drawn, right, "confidence")
     left.set(xlabel="x / pixel", ylabel="y / pixel")
     left.set_title("\n".join(lines), pad=8)
     right.set(xlabel="x / pixel", yticks=[])
-    right.set_title("confidence" if known.any() else "confidence: not known", pad=8)
+    right.set_title("confidence" if is_known.any() else "confidence: not known", pad=8)
     figure.set_layout_engine("constrained", w_pad=_MARGIN, h_pad=_MARGIN)
     return figure
 
 
-def _range_of_known(disparity: Array, confidence: Array) -> Normalize:
-    """The colours of a disparity map, from all pixels of which something is known."""
-    known = np.isfinite(disparity) & (confidence > _ROUNDING)
-    values = disparity[known] if known.any() else np.zeros(1)
+def _colour_range(disparity: Array, confidence: Array) -> Normalize:
+    """Return the colour range of a disparity map, from pixels with a confidence."""
+    is_known = np.isfinite(disparity) & (confidence > _MIN_CONFIDENCE)
+    values = disparity[is_known] if is_known.any() else np.zeros(1)
     return Normalize(*np.percentile(values, [2, 98]))
 
 

@@ -20,7 +20,7 @@ from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.lightfield.refocusing.focal_stacks import FocalStack
 from clplen.plot.base import (
-    WHOLE,
+    FULL_REGION,
     Array,
     Region,
     Scale,
@@ -35,24 +35,23 @@ from clplen.plot.base import (
 from clplen.wave.field.field import Field
 
 _RAW_DECADES = 5
-_SHOWN = 1000  # pixels of a raw image that a figure resolves
+_MAX_PIXELS = 1000  # pixels of a raw image that a figure resolves
 _MILLI = {"m": 1e3, "rad": 1e3}
 
 
 @styled
 def raw_image(raw: RawImage, *, details: Mapping[str, tuple[float, float]] | None = None) -> Figure:
-    """Draw a raw lenslet image on a logarithmic scale, with magnified details beside it.
+    """Draw a raw lenslet image on a logarithmic scale, with magnified details.
 
-    The scale spans five decades. From 2000 pixels along the longer side on, means over blocks are
-    drawn.
+    The scale spans five decades. Images of 2000 pixels or more along the longer side are binned.
 
     Parameters
     ----------
     raw : RawImage
-        One channel, shape (ny, nx), with a pixel pitch.
+        Raw image of one channel, shape (ny, nx), with a pixel pitch.
     details : mapping, optional
-        From a name to (y, x) in metres from the middle of the sensor; each becomes a panel of
-        9 x 9 lenslets, with the borders between them.
+        Positions (y, x) in metres from the middle of the sensor, by name; each becomes a panel of 9
+        x 9 lenslets with their borders.
 
     Returns
     -------
@@ -80,8 +79,8 @@ def raw_image(raw: RawImage, *, details: Mapping[str, tuple[float, float]] | Non
     shades = Shades(values, "log", _RAW_DECADES)
     left, _, _, top = centred(values.shape, mm)
     extent = (left, left + coarse.shape[1] * step * mm, top + coarse.shape[0] * step * mm, top)
-    how: Any = {"interpolation": "antialiased", "interpolation_stage": "data"}
-    shades.show(axes, coarse, extent=extent, **how)
+    options: Any = {"interpolation": "antialiased", "interpolation_stage": "data"}
+    shades.show(axes, coarse, extent=extent, **options)
     axes.set(xlabel="x on the sensor / mm", ylabel="y on the sensor / mm", title="raw image")
     shades.bar(figure, "value of a pixel", ax=axes)
     check_finite(details=list(details.values()))
@@ -92,8 +91,8 @@ def raw_image(raw: RawImage, *, details: Mapping[str, tuple[float, float]] | Non
 
 
 def _coarser(values: Array) -> tuple[Array, int]:
-    """Means over blocks of pixels, no more of them than a figure can show, and the block's size."""
-    step = max(1, max(values.shape) // _SHOWN)
+    """Bin pixels to the resolution of a figure; return the means and the block size."""
+    step = max(1, max(values.shape) // _MAX_PIXELS)
     ny, nx = (n // step for n in values.shape)
     blocks = values[: ny * step, : nx * step].reshape(ny, step, nx, step)
     return blocks.mean(axis=(1, 3)), step
@@ -108,14 +107,17 @@ def _detail(
     shades: Shades,
     name: str,
 ) -> None:
-    """A magnified part of the raw image, framed in both; ``centre`` and axes in millimetres."""
+    """Draw a magnified part of the raw image; ``centre`` and axes are in millimetres."""
     mm = raw.pixel_pitch * 1e3
     half = 4.5 * raw.cells.column_step[1] * mm
     y, x = centre
     middles = [(n - 1) / 2 for n in values.shape]
     rows, columns = (
-        slice(max(0, int((at - half) / mm + middle)), int((at + half) / mm + middle) + 2)
-        for at, middle in zip(centre, middles, strict=True)
+        slice(
+            max(0, int((coordinate - half) / mm + middle)),
+            int((coordinate + half) / mm + middle) + 2,
+        )
+        for coordinate, middle in zip(centre, middles, strict=True)
     )
     region = (rows, columns)
     left, right, bottom, top = placed(region, values.shape)
@@ -146,7 +148,7 @@ def _detail(
 def views(
     lf: LightField | ArrayLike,
     *,
-    shown: int = 8,
+    max_views: int = 8,
     scale: Scale = "linear",
     region: Region | None = None,
 ) -> Figure:
@@ -155,11 +157,11 @@ def views(
     Parameters
     ----------
     lf : LightField or array_like
-        Shape (v, u, y, x) or (v, u, y, x, 3).
-    shown : int
-        At most this many rows and columns of views.
+        Light field, shape (v, u, y, x) or (v, u, y, x, 3).
+    max_views : int
+        Maximum number of rows and columns of views.
     scale : {"linear", "log", "root"}
-        Of the values; colour pictures are always linear.
+        Colour scale; colour pictures are always linear.
     region : tuple of slice, optional
         Part (y, x) of every view to show.
 
@@ -172,13 +174,13 @@ def views(
     --------
     >>> values = np.random.default_rng(1).random((5, 5, 32, 32), np.float32)
     >>> lf = clplen.LightField.from_array(values)
-    >>> figure = clplen.plot.views(lf, shown=3)
+    >>> figure = clplen.plot.views(lf, max_views=3)
     >>> figure.axes[0].get_title()
     'views: 3 x 3 of 5 x 5'
     """
     lf = as_lightfield(lf)
-    vs, us = (spread(count, shown) for count in lf.shape[:2])
-    values = lf.to_numpy()[np.ix_(vs, us)][WHOLE + (region or WHOLE)]
+    vs, us = (spread(count, max_views) for count in lf.shape[:2])
+    values = lf.to_numpy()[np.ix_(vs, us)][FULL_REGION + (region or FULL_REGION)]
     height, width = values.shape[2:4]
     figure = new_figure(7.4, max(2.5, 6.4 * len(vs) * height / (len(us) * width) + 0.4))
     axes = figure.add_subplot()
@@ -190,11 +192,11 @@ def views(
         axes.axvline(x * width - 0.5, color="0.6", lw=0.5)
     axes.set_xticks(np.arange(len(us)) * width + (width - 1) / 2, [str(u) for u in us])
     axes.set_yticks(np.arange(len(vs)) * height + (height - 1) / 2, [str(v) for v in vs])
-    some = f"{len(vs)} x {len(us)} of " if (len(vs), len(us)) != lf.shape[:2] else ""
+    selection = f"{len(vs)} x {len(us)} of " if (len(vs), len(us)) != lf.shape[:2] else ""
     axes.set(
         xlabel="column u of the view",
         ylabel="row v of the view",
-        title=f"views: {some}{lf.shape[0]} x {lf.shape[1]}",
+        title=f"views: {selection}{lf.shape[0]} x {lf.shape[1]}",
     )
     return figure
 
@@ -206,11 +208,11 @@ def picture(image: Image | ArrayLike, *, title: str = "", scale: Scale = "linear
     Parameters
     ----------
     image : Image or array_like
-        Shape (y, x) or (y, x, 3).
+        Picture, shape (y, x) or (y, x, 3).
     title : str
-        Over the picture; default none.
+        Title over the picture; default none.
     scale : {"linear", "log", "root"}
-        Of the values; colour pictures are always linear.
+        Colour scale; colour pictures are always linear.
 
     Returns
     -------
@@ -220,9 +222,9 @@ def picture(image: Image | ArrayLike, *, title: str = "", scale: Scale = "linear
     Raises
     ------
     TypeError
-        If ``image`` is no picture of real numbers; `intensity` and `phase` draw a field.
+        If ``image`` is not a real picture; `intensity` and `phase` draw a field.
     ShapeError
-        For another shape.
+        If the shape is another.
 
     Examples
     --------
@@ -232,14 +234,12 @@ def picture(image: Image | ArrayLike, *, title: str = "", scale: Scale = "linear
     ['y / pixel', 'value']
     """
     if isinstance(image, Field) or not is_array(image):
-        of_a_field = " (plot.intensity draws a field)" * isinstance(image, Field)
-        raise TypeError(
-            f"A picture is an Image or an array, not {type(image).__name__}{of_a_field}."
-        )
+        hint = " (plot.intensity draws a field)" * isinstance(image, Field)
+        raise TypeError(f"image must be an Image or an array, got {type(image).__name__}{hint}.")
     values = real_array(image, "A picture", None)
     if values.ndim not in (2, 3) or values.shape[2:] not in ((), (3,)):
         raise ShapeError(
-            f"A picture is one image (y, x) or (y, x, 3), not {values.shape}: choose one plane."
+            f"image must have shape (y, x) or (y, x, 3), got {values.shape}: choose one plane."
         )
     figure = new_figure(5.6, 5.0 * min(2.0, values.shape[0] / values.shape[1]) + 0.2)
     axes = figure.add_subplot()
@@ -257,16 +257,16 @@ def refocused(
     scale: Scale = "linear",
     region: Region | None = None,
 ) -> Figure:
-    """Draw several refocused images side by side, on one scale of values.
+    """Draw several refocused images side by side, on a common colour scale.
 
     Parameters
     ----------
     images : sequence of Image or array_like
-        All of one shape, (y, x) or (y, x, 3).
+        Images of equal shape, (y, x) or (y, x, 3).
     titles : sequence of str
-        One for each.
+        Titles of the images.
     scale : {"linear", "log", "root"}
-        Of the values; colour pictures are always linear.
+        Colour scale; colour pictures are always linear.
     region : tuple of slice, optional
         Part (y, x) to show.
 
@@ -278,7 +278,7 @@ def refocused(
     Raises
     ------
     ValueError
-        If there is not one title an image.
+        If the numbers of titles and images differ.
 
     Examples
     --------
@@ -289,15 +289,15 @@ def refocused(
     >>> [axes.get_title() for axes in figure.axes[:2]]
     ['far', 'near']
     """
-    region = region or WHOLE
-    whole = [real_array(image, "A picture", None) for image in images]
-    values = [picture[region] for picture in whole]
+    region = region or FULL_REGION
+    pictures = [real_array(image, "A picture", None) for image in images]
+    values = [picture[region] for picture in pictures]
     ratio = values[0].shape[0] / values[0].shape[1]
     figure = new_figure(3.2 * len(values) + 0.8, 3.2 * ratio + 0.5)
     panels = figure.subplots(1, len(values), squeeze=False)[0]
     shades = Shades(np.stack(values), scale)
-    for panel, shown, title in zip(panels, values, titles, strict=True):
-        shades.show(panel, shown, extent=placed(region, whole[0].shape))
+    for panel, part, title in zip(panels, values, titles, strict=True):
+        shades.show(panel, part, extent=placed(region, pictures[0].shape))
         panel.set(title=title, xlabel="x / pixel")
     panels[0].set_ylabel("y / pixel")
     if values[0].ndim == 2:
@@ -307,25 +307,29 @@ def refocused(
 
 @styled
 def montage(
-    stack: FocalStack, *, shown: int = 15, scale: Scale = "linear", region: Region | None = None
+    stack: FocalStack,
+    *,
+    max_planes: int = 15,
+    scale: Scale = "linear",
+    region: Region | None = None,
 ) -> Figure:
-    """Draw planes of a focal stack in even steps, on one scale of values.
+    """Draw planes of a focal stack in even steps, on a common colour scale.
 
     Parameters
     ----------
     stack : FocalStack
-        As `clplen.focal_stack` returns it.
-    shown : int
-        At most this many planes.
+        Focal stack, such as `clplen.focal_stack` returns.
+    max_planes : int
+        Maximum number of planes.
     scale : {"linear", "log", "root"}
-        Of the values; colour pictures are always linear.
+        Colour scale; colour pictures are always linear.
     region : tuple of slice, optional
         Part (y, x) to show.
 
     Returns
     -------
     matplotlib.figure.Figure
-        A panel for each plane, at most five in a row, under its alpha or, where that is not known,
+        A panel for each plane, at most five in a row, titled with its alpha or, without a camera,
         its disparity d in pixels a view step.
 
     Examples
@@ -337,8 +341,8 @@ def montage(
     >>> [axes.get_title() for axes in figure.axes[:3]]
     ['d = -1.000', 'd = +0.000', 'd = +1.000']
     """
-    planes = spread(len(stack.disparities), shown)
-    values = stack.to_numpy()[planes][WHOLE[:1] + (region or WHOLE)]
+    planes = spread(len(stack.disparities), max_planes)
+    values = stack.to_numpy()[planes][FULL_REGION[:1] + (region or FULL_REGION)]
     columns = min(5, len(planes))
     rows = -(-len(planes) // columns)
     figure = new_figure(8.0, rows * (1.37 * min(2.0, values.shape[1] / values.shape[2]) + 0.24))
@@ -346,8 +350,8 @@ def montage(
     shades = Shades(values, scale)
     for panel in panels:
         panel.set_axis_off()
-    for panel, plane, shown_values in zip(panels, planes, values, strict=False):
-        shades.show(panel, shown_values)
+    for panel, plane, part in zip(panels, planes, values, strict=False):
+        shades.show(panel, part)
         alpha, d = stack.alphas[plane], stack.disparities[plane]
         title = rf"$\alpha$ = {alpha:.3f}" if np.isfinite(alpha) else f"d = {d:+.3f}"
         panel.set_title(title, fontsize=8)
@@ -358,27 +362,27 @@ def montage(
 
 @styled
 def epi(
-    found: PhaseSpace | LightField | ArrayLike, *, title: str = "", scale: Scale = "linear"
+    source: PhaseSpace | LightField | ArrayLike, *, title: str = "", scale: Scale = "linear"
 ) -> Figure:
-    """Draw an epipolar slice or phase space: position across, place on the main lens down.
+    """Draw an epipolar slice or phase space: position across, position on the main lens down.
 
-    With a camera, a second axis gives the angle of the rays at the middle of the picture,
-    theta = -u/F, in milliradians.
+    With a camera, a second axis gives the angle theta = -u/F of the rays at the middle of the
+    picture, in milliradians.
 
     Parameters
     ----------
-    found : PhaseSpace, LightField or array_like
-        As `clplen.lightfield.phase_space` returns it; of a light field, the slice along x through
-        its middle.
+    source : PhaseSpace, LightField or array_like
+        Phase space, such as `clplen.lightfield.phase_space` returns; for a light field, the middle
+        slice along x.
     title : str
-        Over the slice; default "epipolar slice" and its two axes.
+        Title over the slice; default "epipolar slice" and its two axes.
     scale : {"linear", "log", "root"}
-        Of the values; colour slices are always linear.
+        Colour scale; colour slices are always linear.
 
     Returns
     -------
     matplotlib.figure.Figure
-        Axes in mm, mrad, views or pixels, as ``found.units`` says.
+        Axes in mm, mrad, views or pixels, according to the units of the slice.
 
     Examples
     --------
@@ -388,30 +392,30 @@ def epi(
     >>> figure.axes[0].get_title(), figure.axes[0].get_ylabel()
     ('epipolar slice (x, u)', 'u from the middle / view')
     """
-    if not isinstance(found, PhaseSpace):
-        lf = as_lightfield(found)
-        found = phase_space(lf, y=lf.shape[2] // 2, v=lf.shape[0] // 2)
+    if not isinstance(source, PhaseSpace):
+        lf = as_lightfield(source)
+        source = phase_space(lf, y=lf.shape[2] // 2, v=lf.shape[0] // 2)
     figure = new_figure(7.4, 3.2)
     axes = figure.add_subplot()
     down, across = (
         values * _MILLI.get(unit, 1.0)
-        for values, unit in zip((found.direction, found.position), found.units, strict=True)
+        for values, unit in zip((source.direction, source.position), source.units, strict=True)
     )
     ends = (*_ends(across), *_ends(down)[::-1])
-    label = "value of a sample" if found.values.ndim == 2 else ""
-    how = {"extent": ends, "aspect": "auto", "interpolation": None}
-    draw(figure, axes, found.values, scale, label, **how)
-    views, pixels = found.axes
-    places = {"m": f"{views} on the main lens / mm", "view": f"{views} from the middle / view"}
-    place = places.get(found.units[0], rf"$\{views}$ / mrad")
-    where = "on the image plane / mm" if found.units[1] == "m" else "from the middle / pixel"
+    label = "value of a sample" if source.values.ndim == 2 else ""
+    options = {"extent": ends, "aspect": "auto", "interpolation": None}
+    draw(figure, axes, source.values, scale, label, **options)
+    views, pixels = source.axes
+    labels = {"m": f"{views} on the main lens / mm", "view": f"{views} from the middle / view"}
+    label_down = labels.get(source.units[0], rf"$\{views}$ / mrad")
+    suffix = "on the image plane / mm" if source.units[1] == "m" else "from the middle / pixel"
     axes.set(
-        xlabel=f"{pixels} {where}",
-        ylabel=place,
+        xlabel=f"{pixels} {suffix}",
+        ylabel=label_down,
         title=title or f"epipolar slice ({pixels}, {views.replace('_', ' ')})",
     )
-    if found.theta is not None and found.units[0] == "m":
-        ratio = _milliradians(found)
+    if source.theta is not None and source.units[0] == "m":
+        ratio = _milliradians(source)
         other = axes.secondary_yaxis(
             "right",
             functions=(lambda u: np.asarray(u) * ratio, lambda theta: np.asarray(theta) / ratio),
@@ -421,14 +425,14 @@ def epi(
 
 
 def _ends(values: Array) -> tuple[float, float]:
-    """Outer borders of the samples of an axis."""
+    """Return the outer edges of the samples of an axis."""
     half = (values[1] - values[0]) / 2 if len(values) > 1 else 0.5
     return float(values[0] - half), float(values[-1] + half)
 
 
-def _milliradians(found: PhaseSpace) -> float:
-    """Angle for a millimetre on the main lens, negative."""
-    if found.theta is None or len(found.direction) < 2:
+def _milliradians(source: PhaseSpace) -> float:
+    """Return the angle per millimetre on the main lens in mrad, negative."""
+    if source.theta is None or len(source.direction) < 2:
         return -1.0
-    step = found.direction[1] - found.direction[0]
-    return float((found.theta[1, 0] - found.theta[0, 0]) / step)
+    step = source.direction[1] - source.direction[0]
+    return float((source.theta[1, 0] - source.theta[0, 0]) / step)

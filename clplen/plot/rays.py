@@ -1,8 +1,8 @@
-"""Paraxial rays through an optical system, for its side view, and the words about its parts.
+"""Paraxial rays through an optical system, for its side view, and the labels of its parts.
 
 A ray is (height, slope) at every part. A distance L moves it by L slope; a lens of focal length f
 adds -height/f to its slope, a lenslet centred at c adds -(height - c)/f (ray transfer matrices:
-Saleh and Teich 1991, section 1.4). The words share the room beside the drawing in rows.
+Saleh and Teich 1991, section 1.4). Labels are stacked in rows so that none overlap.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from clplen.wave.systems.components import Lens, Part, Stop, label_of, length_of
 from clplen.wave.systems.optical_system import OpticalSystem
 from clplen.wave.systems.space import Space
 
-_FILL = 0.7  # of the largest opening that objects and images may fill
-_FEW, _MANY = 9, 21  # rays between the marginal ones of a bundle that meets lenslets
+_FILL = 0.7  # object or image height over the largest half opening
+_MIN_RAYS, _MAX_RAYS = 9, 21  # rays between the marginal rays of a bundle on lenslets
 _ZERO = 1e-9  # relative
-_NARROW = 0.02  # half width over length of a bundle that nothing bounds
+_NARROW = 0.02  # half width over length of an unbounded bundle
 LINE = 0.145  # inches of a line of text
-_LETTER = 0.068
-_FUNCTION = "function"  # a part that is one without a name
+_LETTER = 0.068  # inches of a letter
+_FUNCTION = "function"  # label of a lambda
 
 
 @dataclass(frozen=True)
 class ImagePoint:
-    """Where a bundle meets again: position and height in metres."""
+    """Position and height of the image of a point, in metres."""
 
     z: float
     height: float
@@ -40,26 +40,26 @@ class ImagePoint:
 
 @dataclass(frozen=True, repr=False)
 class Rays(OneLine):
-    """What a side view draws: rays, the object and its images.
+    """Rays, object and images of a side view.
 
     Attributes
     ----------
     z : ndarray
-        Start, and behind each part, in metres, shape (parts + 1,).
+        Positions of the start and behind each part, in metres, shape (parts + 1,).
     axial, oblique : ndarray or None
-        Heights of the rays from the axis and from the point at ``height``, shape (parts + 1,
-        rays): marginal ray, others, marginal ray; NaN behind a stop that blocks them. None:
-        nothing passes.
+        Heights of the rays from the axis and from the point at ``height``, shape (parts + 1, rays):
+        marginal ray, others, marginal ray; NaN behind a stop that blocks them. None if nothing
+        passes.
     chief : ndarray or None
         Height of the oblique ray through the middle of the aperture stop, shape (parts + 1, 1).
     height : float
-        Of the object in metres; 0 if it lies at infinity.
+        Height of the object in metres; 0 for a distant object.
     distant : bool
-        The light is collimated: the first element lies in the first plane.
+        Flag that the light is collimated, for a first element in the first plane.
     tilt : float
-        Slope of the oblique rays in front of the system, if they are collimated.
+        Slope of collimated oblique rays in front of the system.
     images : tuple of ImagePoint
-        Where the axial rays meet again in front of any lenslets: ``z`` and ``height`` in metres.
+        Images by the axial rays in front of any lenslets: ``z`` and ``height`` in metres.
 
     Examples
     --------
@@ -80,18 +80,18 @@ class Rays(OneLine):
 
 
 def rays_through(optics: OpticalSystem, *, height: float | None = None) -> Rays:
-    """Return rays from a point on the axis and from one beside it.
+    """Trace rays from a point on the axis and from a point off the axis.
 
-    If the first element lies in the first plane, the light is collimated, and the rays of the
-    second bundle are tilted.
+    For a first element in the first plane, the light is collimated, and the second bundle is
+    tilted.
 
     Parameters
     ----------
     optics : OpticalSystem
-        What the rays pass; where nothing bounds them they are narrow.
+        Optical system; without any opening the bundle is narrow.
     height : float, optional
-        Of the point beside the axis in metres; None: 70 % of the widest half opening, less if an
-        image is larger than the object. Without meaning for collimated light.
+        Height of the off-axis point in metres; default 70 % of the widest half opening, less if an
+        image is larger than the object. Ignored for collimated light.
 
     Returns
     -------
@@ -108,28 +108,30 @@ def rays_through(optics: OpticalSystem, *, height: float | None = None) -> Rays:
     check_finite(height=0 if height is None else height)
     distant = _is_distant(optics)
     fan, field = ((1.0, 0.0), (0.0, 1.0)) if distant else ((0.0, 1.0), (1.0, 0.0))
-    z, one = trace(optics, *fan, clip=False)
-    _, other = trace(optics, *field, clip=False)
-    found = _images(optics, z, one[:, 0], other[:, 0])
+    z, axial_fan = trace(optics, *fan, clip=False)
+    _, oblique_fan = trace(optics, *field, clip=False)
+    points = _images(optics, z, axial_fan[:, 0], oblique_fan[:, 0])
     if height is None or distant:
-        largest = max([0.0 if distant else 1.0, *(abs(image.height) for image in found)])
-        largest = largest or 2 * float(np.abs(other).max())
-        room = _FILL * max([high - low for low, high in _bounds(optics).values()] or [0]) / 2
-        height = room / largest if largest else 0.0
-    images = tuple(ImagePoint(image.z, image.height * height) for image in found)
-    beside = (field[0] * height, field[1] * height)
-    low, high, middle = _limits(optics, one[:, 0], 0 * other[:, 0])
+        largest = max([0.0 if distant else 1.0, *(abs(image.height) for image in points)])
+        largest = largest or 2 * float(np.abs(oblique_fan).max())
+        half_field = _FILL * max([high - low for low, high in _bounds(optics).values()] or [0]) / 2
+        height = half_field / largest if largest else 0.0
+    images = tuple(ImagePoint(image.z, image.height * height) for image in points)
+    start = (field[0] * height, field[1] * height)
+    low, high, middle = _limits(optics, axial_fan[:, 0], 0 * oblique_fan[:, 0])
     axial = _bundle(optics, (0.0, 0.0), fan, (low, high)) if low < high else None
-    low, high, middle = _limits(optics, one[:, 0], other[:, 0] * height)
-    seen = axial is not None and height != 0 and low < high
+    low, high, middle = _limits(optics, axial_fan[:, 0], oblique_fan[:, 0] * height)
+    has_oblique = axial is not None and height != 0 and low < high
     return Rays(
         z=z,
         axial=axial,
-        oblique=_bundle(optics, beside, fan, (low, high)) if seen else None,
-        chief=_bundle(optics, beside, fan, (middle,)) if seen and low <= middle <= high else None,
+        oblique=_bundle(optics, start, fan, (low, high)) if has_oblique else None,
+        chief=_bundle(optics, start, fan, (middle,))
+        if has_oblique and low <= middle <= high
+        else None,
         height=0.0 if distant else height,
         distant=distant,
-        tilt=beside[1],
+        tilt=start[1],
         images=images,
     )
 
@@ -142,20 +144,20 @@ def trace(
     Parameters
     ----------
     optics : OpticalSystem
-        Its lenses, distances, stops and lenslets; other parts only take their length.
+        Optical system of lenses, distances, stops and lenslets; other parts only add length.
     height : array_like
         Heights of the rays in the first plane in metres; broadcast with ``slope``.
     slope : array_like
-        Their slopes dy/dz in front of the first part.
+        Slopes dy/dz of the rays in front of the first part.
     clip : bool
-        Whether rays end at openings, and lenslets bend them. Without it lenslets do nothing.
+        True to end rays at openings and refract them at lenslets; False to ignore both.
 
     Returns
     -------
     z : numpy.ndarray
-        Of the start and behind each part, in metres, shape (parts + 1,).
+        Positions of the start and behind each part, in metres, shape (parts + 1,).
     heights : numpy.ndarray
-        In metres, shape (parts + 1, rays); NaN behind what blocks a ray.
+        Heights in metres, shape (parts + 1, rays); NaN behind a part that blocks the ray.
 
     Examples
     --------
@@ -191,7 +193,7 @@ def trace(
 
 
 def opening(part: Part) -> tuple[float, float] | None:
-    """Lowest and highest point in metres that a part lets through; None: all pass."""
+    """Return the lower and upper edge of a part's opening in metres; None if all rays pass."""
     if isinstance(part, MicrolensArray):
         return (part.offset[0] - part.extent[0] / 2, part.offset[0] + part.extent[0] / 2)
     if isinstance(part, Stop):
@@ -202,16 +204,16 @@ def opening(part: Part) -> tuple[float, float] | None:
 
 
 def _bounds(optics: OpticalSystem) -> dict[int, tuple[float, float]]:
-    """The openings by number of the part; where there are none, a narrow one in every lens."""
-    found = {i: bounds for i, part in enumerate(optics) if (bounds := opening(part)) is not None}
-    if found:
-        return found
+    """Return the openings by index of the part; without any, a narrow opening per lens."""
+    openings = {i: bounds for i, part in enumerate(optics) if (bounds := opening(part)) is not None}
+    if openings:
+        return openings
     half = _NARROW * max(abs(optics.length), _ZERO)
     return {i: (-half, half) for i, part in enumerate(optics) if isinstance(part, Lens)}
 
 
 def lenslet_rows(part: MicrolensArray) -> Array:
-    """Heights in metres of the rows of lenslets of the array, as if it were not rotated."""
+    """Return heights in metres of the rows of lenslets, for an unrotated array."""
     count = part.count[0]
     return part.offset[0] + (np.arange(count) - (count - 1) / 2) * part.row_pitch
 
@@ -231,51 +233,57 @@ def _bundle(
     fan: tuple[float, float],
     t: Sequence[float],
 ) -> Array:
-    """Heights of the rays start + t fan, between and at the two ends of ``t``, or of one ray."""
-    inner = _FEW if any(isinstance(part, MicrolensArray) for part in optics) else 0
+    """Trace the rays start + t fan at both ends of ``t`` and between, or a single ray."""
+    count = _MIN_RAYS if any(isinstance(part, MicrolensArray) for part in optics) else 0
     if isinstance(optics[0], MicrolensArray):
-        inner = min(3 * optics[0].count[0], _MANY)
+        count = min(3 * optics[0].count[0], _MAX_RAYS)
     steps = np.array(t)
-    if len(t) > 1 and inner:
-        middles = (np.arange(inner) + 0.5) / inner
+    if len(t) > 1 and count:
+        middles = (np.arange(count) + 0.5) / count
         steps = np.concatenate([t[:1], t[0] + (t[1] - t[0]) * middles, t[1:]])
     return trace(optics, start[0] + steps * fan[0], start[1] + steps * fan[1])[1]
 
 
 def _limits(optics: OpticalSystem, fan: Array, start: Array) -> tuple[float, float, float]:
-    """Lowest, highest and middle t of the rays start + t fan that pass every opening.
+    """Return lowest, highest and middle t of the rays start + t fan that pass every opening.
 
-    The middle one goes through the middle of the aperture stop: what bounds t most narrowly.
+    The middle ray passes the centre of the aperture stop, the narrowest interval of t.
     """
-    found = []
+    intervals = []
     for i, bounds in _bounds(optics).items():
         if fan[i] != 0:
-            found.append(sorted((bound - start[i]) / fan[i] for bound in bounds))
+            intervals.append(sorted((bound - start[i]) / fan[i] for bound in bounds))
         if isinstance(optics[i], MicrolensArray):
             break
-    if not found:
+    if not intervals:
         return (0.0, 0.0, 0.0)
-    narrowest = min(found, key=lambda ends: ends[1] - ends[0])
-    return max(ends[0] for ends in found), min(ends[1] for ends in found), sum(narrowest) / 2
+    narrowest = min(intervals, key=lambda ends: ends[1] - ends[0])
+    return (
+        max(ends[0] for ends in intervals),
+        min(ends[1] for ends in intervals),
+        sum(narrowest) / 2,
+    )
 
 
 def _images(optics: OpticalSystem, z: Array, fan: Array, unit: Array) -> tuple[ImagePoint, ...]:
-    """Where the rays of a fan meet, in front of any lenslets, with the height of a unit object."""
+    """Return the images by a fan in front of any lenslets, for an object of unit height."""
     fan = np.where(np.abs(fan) < _ZERO * np.abs(fan).max(), 0.0, fan)
-    found = []
+    images = []
     for i, part in enumerate(optics):
         if isinstance(part, MicrolensArray):
             break
         if fan[i] != 0 and (fan[i + 1] == 0 or fan[i] * fan[i + 1] < 0):
             share = fan[i] / (fan[i] - fan[i + 1])
-            where = z[i] + share * (z[i + 1] - z[i])
-            found.append(ImagePoint(float(where), float(unit[i] + share * (unit[i + 1] - unit[i]))))
-    return tuple(found)
+            position = z[i] + share * (z[i + 1] - z[i])
+            images.append(
+                ImagePoint(float(position), float(unit[i] + share * (unit[i + 1] - unit[i])))
+            )
+    return tuple(images)
 
 
 @dataclass(frozen=True)
 class Label:
-    """Words about z, or between two z, in metres."""
+    """Text at z, or between two z, in metres."""
 
     z: float
     text: str
@@ -283,25 +291,27 @@ class Label:
 
     @property
     def lines(self) -> list[str]:
-        """The words, line by line."""
+        """Lines of the text."""
         return self.text.split("\n")
 
 
 def names(optics: OpticalSystem, rays: Rays) -> list[Label]:
-    """What stands above the drawing; things in one plane share a label."""
-    meeting = "focus" if rays.distant else "image"
-    found = [] if rays.distant else [(0.0, "object")]
-    found += [(image.z, meeting) for image in rays.images if not is_on_lenslets(optics, image.z)]
+    """Return the labels above the drawing; parts in the same plane share a label."""
+    image_name = "focus" if rays.distant else "image"
+    entries = [] if rays.distant else [(0.0, "object")]
+    entries += [
+        (image.z, image_name) for image in rays.images if not is_on_lenslets(optics, image.z)
+    ]
     for part, z in zip(optics, optics.positions, strict=True):
         name = _FUNCTION if label_of(part) == "<lambda>" else label_of(part)
         if isinstance(part, MicrolensArray) and any(_near(optics, z, i.z) for i in rays.images):
-            name += f" at the {meeting}"
+            name += f" at the {image_name}"
         if not isinstance(part, Space):
-            found.append((z + length_of(part) / 2, "\n".join([name, *_details(part)])))
-    if not any(_near(optics, z, optics.length) for z, _ in found):
-        found.append((optics.length, "last plane"))
+            entries.append((z + length_of(part) / 2, "\n".join([name, *_details(part)])))
+    if not any(_near(optics, z, optics.length) for z, _ in entries):
+        entries.append((optics.length, "last plane"))
     labels: list[Label] = []
-    for z, text in sorted(found, key=lambda pair: pair[0]):
+    for z, text in sorted(entries, key=lambda pair: pair[0]):
         if labels and _near(optics, labels[-1].z, z):
             labels[-1] = Label(labels[-1].z, f"{labels[-1].text}\n{text}")
         else:
@@ -310,32 +320,32 @@ def names(optics: OpticalSystem, rays: Rays) -> list[Label]:
 
 
 def is_on_lenslets(optics: OpticalSystem, z: float) -> bool:
-    """Whether lenslets stand in the plane z, in metres."""
+    """Return True if lenslets are in the plane z, in metres."""
     return any(
-        isinstance(part, MicrolensArray) and _near(optics, at, z)
-        for part, at in zip(optics, optics.positions, strict=True)
+        isinstance(part, MicrolensArray) and _near(optics, position, z)
+        for part, position in zip(optics, optics.positions, strict=True)
     )
 
 
-def _near(optics: OpticalSystem, one: float, other: float) -> bool:
-    """Whether two planes are one but for rounding."""
-    return abs(one - other) <= 1e-6 * abs(optics.length)
+def _near(optics: OpticalSystem, first: float, second: float) -> bool:
+    """Return True if two planes are equal up to rounding."""
+    return abs(first - second) <= 1e-6 * abs(optics.length)
 
 
 def _details(part: Part) -> list[str]:
-    """Focal length and width of a part."""
-    words = []
+    """Return focal length and width of a part."""
+    texts = []
     if isinstance(part, Lens | MicrolensArray):
-        words.append(f"f = {_short(part.focal_length)}")
+        texts.append(f"f = {_short(part.focal_length)}")
     if isinstance(part, MicrolensArray):
-        words.append(f"pitch {_short(part.pitch)}")
+        texts.append(f"pitch {_short(part.pitch)}")
     elif isinstance(part, Lens | Stop) and part.diameter is not None:
-        words.append(f"D = {_short(part.diameter)}")
-    return words
+        texts.append(f"D = {_short(part.diameter)}")
+    return texts
 
 
 def spans(optics: OpticalSystem) -> list[Label]:
-    """The distances."""
+    """Return the labels of the distances."""
     return [
         Label(z + length / 2, _short(length), (z, z + length))
         for part, z in zip(optics, optics.positions, strict=True)
@@ -349,7 +359,7 @@ def _short(length: float) -> str:
 
 
 def in_rows(labels: Sequence[Label], z_inch: float) -> list[list[Label]]:
-    """Labels in as few rows as it takes that none of a row overlap."""
+    """Arrange labels in the fewest rows without overlap."""
     rows: list[list[Label]] = []
     edges: list[float] = []
     for label in sorted(labels, key=lambda label: label.z):

@@ -1,4 +1,4 @@
-"""Scale bars of a round length."""
+"""Scale bars of round lengths."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from matplotlib.patheffects import withStroke
 
 from clplen.checks import check_positive
 
-_SHARE = 0.25  # of the picture's width that a bar takes, at most
-_INSET = 0.05  # of the picture, between its edge and the bar
+_MAX_SHARE = 0.25  # largest length of a bar over the picture's width
+_INSET = 0.05  # distance between edge and bar, over the picture's size
 _UNITS = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"), (1e-12, "pm"))
 
 
 def round_length(width: float) -> float:
-    """Return the longest of 1, 2 or 5 times a power of ten that fits into a quarter of a width."""
+    """Return the largest of 1, 2 or 5 times a power of ten within a quarter of a width."""
     check_positive(width=width)
-    longest = _SHARE * width * (1 + 1e-9)
+    longest = _MAX_SHARE * width * (1 + 1e-9)
     power = math.floor(math.log10(longest))
     factor = next(n for n in (5, 2, 1) if n * 10.0**power <= longest or n == 1)
     return float(f"{factor}e{power}")
 
 
 def length_text(length: float) -> str:
-    """A length in metres with the unit that makes it 1 to 999."""
-    size, unit = next((one for one in _UNITS if length >= one[0] * (1 - 1e-9)), _UNITS[-1])
+    """Format a length in metres with the unit that makes it 1 to 999."""
+    size, unit = next((entry for entry in _UNITS if length >= entry[0] * (1 - 1e-9)), _UNITS[-1])
     return f"{length / size:.3g} {unit}"
 
 
@@ -35,11 +35,11 @@ def scale_bar(axes: Axes, unit: float, *, label: bool = True) -> float:
     Parameters
     ----------
     axes : matplotlib.axes.Axes
-        Of a picture whose limits are set; the bar lies along x.
+        Axes of a picture with limits set; the bar lies along x.
     unit : float
-        Metres of a unit of the axes.
+        Length of a unit of the axes, in metres.
     label : bool
-        Whether the length stands above the bar.
+        True to write the length above the bar.
 
     Returns
     -------

@@ -33,14 +33,14 @@ from clplen.wave.systems.space import Space
 
 _AXIAL, _OBLIQUE, _GLASS, _RIM, _LIGHT = "#0072b2", "#cc3311", "#d7e8f4", "#33536b", "#e69f00"
 _WIDTH, _LEFT, _RIGHT, _HEIGHT = 7.8, 0.68, 0.22, 2.7  # inches: figure, margins, drawing
-_MARGIN = 0.07  # of the length, beside the first and the last plane
-_HEADROOM = 1.12
-_ASIDE, _FREE = 0.13, 0.1  # inches: from a focal point up or down to its name, from that to a ray
+_MARGIN = 0.07  # of the length, beyond the first and the last plane
+_HEADROOM = 1.12  # height of the view over that of its content
+_ASIDE, _MIN_GAP = 0.13, 0.1  # inches from a focal point to its name, from a name to a ray
 
 
 @dataclass(frozen=True)
 class _View:
-    """The drawing: axes in metres and how much an inch of it is along z and across."""
+    """Axes of the drawing in metres, with metres per inch along z and y."""
 
     figure: Figure
     axes: Axes
@@ -49,11 +49,11 @@ class _View:
     reach: float
 
     def below(self, inches: float) -> float:
-        """Height in metres of what lies so far below the drawing."""
+        """Return the height in metres of a position in inches below the drawing."""
         return -self.reach - inches * self.y_inch
 
     def above(self, inches: float) -> float:
-        """Height in metres of what lies so far above the drawing."""
+        """Return the height in metres of a position in inches above the drawing."""
         return self.reach + inches * self.y_inch
 
 
@@ -61,34 +61,34 @@ class _View:
 def system(
     optics: OpticalSystem, *, extent: float | None = None, height: float | None = None
 ) -> Figure:
-    """Draw a side view of an optical system: to scale along z, with paraxial rays.
+    """Draw a side view of an optical system to scale along z, with paraxial rays.
 
-    Drawn are the optical axis, lenses, stops and lenslets in their size, the distances, the focal
-    points of lenses, and two bundles of rays that just pass every opening: from the axis, and from
-    a point beside it with its chief ray. If the first element lies in the first plane, the light is
-    collimated. Arrows are the object and its images, but for an image that lies on lenslets.
+    The drawing contains the optical axis, lenses, stops and lenslets in their size, distances,
+    focal points, and two bundles of rays that just pass every opening: from the axis, and from an
+    off-axis point with its chief ray. For a first element in the first plane, the light is
+    collimated. Arrows are the object and its images, except images on lenslets.
 
     Parameters
     ----------
     optics : OpticalSystem
-        The parts and distances that are drawn.
+        Optical system of parts and distances.
     extent : float, optional
-        Height of the view in metres; None: what everything needs.
+        Height of the view in metres; default the height of its content.
     height : float, optional
-        Of the object point beside the axis in metres; None: 70 % of the widest half opening, less
-        if an image is larger than the object. Without meaning for collimated light.
+        Height of the off-axis object point in metres; default 70 % of the widest half opening, less
+        if an image is larger than the object. Ignored for collimated light.
 
     Returns
     -------
     matplotlib.figure.Figure
-        Heights in mm; distances, focal lengths and diameters are written beside the parts.
+        Heights in mm; labels give distances, focal lengths and diameters.
 
     Raises
     ------
     TypeError
-        If ``optics`` is no `OpticalSystem`.
+        If ``optics`` is not an `OpticalSystem`.
     ValueError
-        For an extent that is not positive, or a height that is not finite.
+        If the extent is not positive, or the height is not finite.
 
     Examples
     --------
@@ -100,13 +100,13 @@ def system(
     """
     if not isinstance(optics, OpticalSystem):
         raise TypeError(
-            f"A side view is drawn of an OpticalSystem, not of {type(optics).__name__}: make one "
-            "of a list of parts and distances, OpticalSystem([...])."
+            f"optics must be an OpticalSystem, got {type(optics).__name__}: create it from a list "
+            "of parts and distances, OpticalSystem([...])."
         )
     if extent is not None and not 0 < extent < np.inf:
-        raise ValueError(f"The extent of a view is positive, in metres, not {extent!r}.")
+        raise ValueError(f"extent must be positive, in metres, got {extent!r}.")
     if height is not None and not np.isfinite(height):
-        raise ValueError(f"The height of an object point is finite, in metres, not {height!r}.")
+        raise ValueError(f"height must be finite, in metres, got {height!r}.")
     rays = rays_through(optics, height=height)
     reach = _reach(optics, rays) if extent is None else extent / 2
     first, last = _ends(optics, reach)
@@ -122,11 +122,11 @@ def system(
     _draw_focal_points(view, optics, rays)
     _write_names(view, above)
     _write_spans(view, below)
-    return _captioned(view, rays)
+    return _with_caption(view, rays)
 
 
 def _new_view(ends: tuple[float, float], reach: float, top: float, bottom: float) -> _View:
-    """An empty drawing with room for words above and below, in inches."""
+    """Create an empty drawing with margins for labels above and below, in inches."""
     total = _HEIGHT + top + bottom
     width = _WIDTH - _LEFT - _RIGHT
     figure = new_figure(_WIDTH, total)
@@ -140,14 +140,14 @@ def _new_view(ends: tuple[float, float], reach: float, top: float, bottom: float
 
 
 def _ends(optics: OpticalSystem, reach: float) -> tuple[float, float]:
-    """Of the view along z in metres."""
+    """Return the limits of the view along z in metres."""
     z = [*optics.positions, optics.length]
     length = max(z) - min(z) or 2 * reach
     return min(z) - _MARGIN * length, max(z) + _MARGIN * length
 
 
 def _reach(optics: OpticalSystem, rays: Rays) -> float:
-    """Half the height in metres that openings, rays and images need."""
+    """Return half the height in metres of openings, rays and images."""
     heights = [abs(rays.height), *(abs(image.height) for image in rays.images)]
     heights += [abs(bound) for part in optics for bound in opening(part) or ()]
     for bundle in (rays.axial, rays.oblique):
@@ -169,18 +169,18 @@ def _draw_frame(axes: Axes) -> None:
 
 
 def _draw_rays(view: _View, optics: OpticalSystem, rays: Rays) -> None:
-    """Both bundles, filled as far as the first lenslets."""
+    """Draw both bundles, filled up to the first lenslets."""
     first = [i for i, part in enumerate(optics) if isinstance(part, MicrolensArray)]
     filled = slice(0, (first[0] if first else len(optics)) + 1)
     for bundle, colour, tilt in ((rays.oblique, _OBLIQUE, rays.tilt), (rays.axial, _AXIAL, 0.0)):
         if bundle is None:
             continue
-        z, heights = _from_afar(view, rays, bundle, tilt)
-        shown = slice(0, filled.stop + rays.distant)
+        z, heights = _extended(view, rays, bundle, tilt)
+        filled_part = slice(0, filled.stop + rays.distant)
         view.axes.fill_between(
-            z[shown],
-            heights[shown, 0],
-            heights[shown, -1],
+            z[filled_part],
+            heights[filled_part, 0],
+            heights[filled_part, -1],
             color=colour,
             alpha=0.1,
             lw=0,
@@ -190,12 +190,12 @@ def _draw_rays(view: _View, optics: OpticalSystem, rays: Rays) -> None:
         if first:
             view.axes.plot(z, heights[:, 1:-1], color=colour, lw=0.4, alpha=0.8, zorder=2)
     if rays.chief is not None:
-        z, chief = _from_afar(view, rays, rays.chief, rays.tilt)
+        z, chief = _extended(view, rays, rays.chief, rays.tilt)
         view.axes.plot(z, chief, color=_OBLIQUE, lw=0.9, ls=(0, (5, 2)), zorder=3)
 
 
-def _from_afar(view: _View, rays: Rays, heights: Array, tilt: float) -> tuple[Array, Array]:
-    """Collimated rays begin at the edge of the drawing."""
+def _extended(view: _View, rays: Rays, heights: Array, tilt: float) -> tuple[Array, Array]:
+    """Extend collimated rays to the edge of the drawing."""
     if not rays.distant:
         return rays.z, heights
     left = view.axes.get_xlim()[0]
@@ -227,7 +227,7 @@ def _draw_part(view: _View, part: Part, z: float) -> None:
 def _draw_lenses(
     view: _View, z: float, centres: Sequence[float] | Array, half: float, f: float
 ) -> None:
-    """Biconvex or biconcave outlines of one size, as thick as looks well."""
+    """Draw biconvex or biconcave outlines of equal size, with a thickness for legibility."""
     inches = half / view.y_inch
     thick = min(0.085, 0.3 * inches + 0.008) * view.z_inch
     y = np.linspace(-1, 1, 41)
@@ -241,12 +241,12 @@ def _draw_lenses(
 
 
 def _draw_walls(view: _View, z: float, low: float, high: float, end: float, width: float) -> None:
-    """What blocks light beside an opening."""
+    """Draw the opaque parts of a stop."""
     view.axes.vlines([z, z], [-end, high], [low, end], color="0.15", lw=width, zorder=5)
 
 
 def _draw_light(view: _View, z: float, focus: float) -> None:
-    """Light that converges on the axis so far behind a plane."""
+    """Draw light that converges to a point on the axis behind a plane."""
     left = z - 0.8 * (z - view.axes.get_xlim()[0])
     for share in (-0.6, -0.3, 0.3, 0.6):
         y = share * view.reach
@@ -257,71 +257,72 @@ def _draw_light(view: _View, z: float, focus: float) -> None:
 
 
 def _draw_planes(view: _View, optics: OpticalSystem, rays: Rays) -> None:
-    """First and last plane, the object and its images."""
+    """Draw first and last plane, the object and its images."""
     tall = 0.97 * view.reach
     planes = ([] if rays.distant else [0.0]) + (
         [] if _ends_with_element(optics) else [optics.length]
     )
     view.axes.vlines(planes, -tall, tall, color="0.35", lw=0.9, zorder=4)
     style = {"arrowstyle": "-|>", "color": "0.1", "lw": 1.8, "shrinkA": 0, "shrinkB": 0}
-    shown = [(0.0, rays.height), *((image.z, image.height) for image in rays.images)]
-    for z, height in shown:
+    arrows = [(0.0, rays.height), *((image.z, image.height) for image in rays.images)]
+    for z, height in arrows:
         if height and not is_on_lenslets(optics, z):
             view.axes.annotate("", (z, height), (z, 0), arrowprops=style, zorder=6)
 
 
 def _ends_with_element(optics: OpticalSystem) -> bool:
-    """Whether something that is drawn by itself lies in the last plane."""
+    """Return True if the last plane has its own drawing."""
     return not length_of(optics[-1]) and not isinstance(optics[-1], Space | ConvergingLight)
 
 
 def _draw_focal_points(view: _View, optics: OpticalSystem, rays: Rays) -> None:
-    """Of every lens, where the drawing reaches; lenses are numbered if there are several."""
+    """Draw focal points within the view; number the lenses if there are several."""
     halo = [withStroke(linewidth=2.5, foreground="w", alpha=0.8)]
     lenses = [
         (part.focal_length, z)
         for part, z in zip(optics, optics.positions, strict=True)
         if isinstance(part, Lens) and np.isfinite(part.focal_length)
     ]
-    named: dict[float, str] = {}
+    labels: dict[float, str] = {}
     first, last = view.axes.get_xlim()
     for number, (f, z) in enumerate(lenses, 1):
         index = f"_{number}" if len(lenses) > 1 else ""
-        for at, name in ((z - f, f"$F{index}$"), (z + f, f"$F'{index}$")):
-            place = next((p for p in named if abs(p - at) < 0.05 * view.z_inch), at)
-            if first < at < last:
-                named[place] = f"{named[place]}, {name}" if place in named else name
-    for at, name in named.items():
-        view.axes.plot(at, 0, "o", color="0.15", ms=3.2, zorder=6)
-        where = _clear_of(view, rays, at, 0.13 + 0.12 * name.count(","))
-        words = view.axes.text(*where, name, ha="center", va="center", size=8, color="0.15")
-        words.set(zorder=6, path_effects=halo)
+        for focus, name in ((z - f, f"$F{index}$"), (z + f, f"$F'{index}$")):
+            position = next((p for p in labels if abs(p - focus) < 0.05 * view.z_inch), focus)
+            if first < focus < last:
+                labels[position] = f"{labels[position]}, {name}" if position in labels else name
+    for focus, name in labels.items():
+        view.axes.plot(focus, 0, "o", color="0.15", ms=3.2, zorder=6)
+        centre = _label_position(view, rays, focus, 0.13 + 0.12 * name.count(","))
+        text = view.axes.text(*centre, name, ha="center", va="center", size=8, color="0.15")
+        text.set(zorder=6, path_effects=halo)
 
 
-def _clear_of(view: _View, rays: Rays, z: float, aside: float) -> tuple[float, float]:
-    """A place for a short word beside a point of the axis: the first that marginal and chief rays
-    leave free, or the freest.
-    """
+def _label_position(view: _View, rays: Rays, z: float, offset: float) -> tuple[float, float]:
+    """Return a label position near a point of the axis, clear of marginal and chief rays."""
     inch = np.array([view.z_inch, view.y_inch])
     lines = []
     for bundle, tilt in ((rays.axial, 0.0), (rays.oblique, rays.tilt), (rays.chief, rays.tilt)):
         if bundle is not None:
-            along, heights = _from_afar(view, rays, bundle, tilt)
+            along, heights = _extended(view, rays, bundle, tilt)
             lines += [np.column_stack([along, y]) / inch for y in (heights[:, 0], heights[:, -1])]
-    away = (_ASIDE, 1.5 * _ASIDE, 2 * _ASIDE)
-    sides = [(x, y) for far in away for y in (-far, far) for x in (aside, -aside, 0.0)]
-    places = [np.array([z / view.z_inch, 0.0]) + side for side in sides]
-    gaps = [min((_distance(place, line) for line in lines), default=_FREE) for place in places]
-    best = next((i for i, gap in enumerate(gaps) if gap >= _FREE), int(np.argmax(gaps)))
-    return float(places[best][0] * inch[0]), float(places[best][1] * inch[1])
+    distances = (_ASIDE, 1.5 * _ASIDE, 2 * _ASIDE)
+    sides = [(x, y) for far in distances for y in (-far, far) for x in (offset, -offset, 0.0)]
+    positions = [np.array([z / view.z_inch, 0.0]) + side for side in sides]
+    gaps = [
+        min((_distance(position, line) for line in lines), default=_MIN_GAP)
+        for position in positions
+    ]
+    best = next((i for i, gap in enumerate(gaps) if gap >= _MIN_GAP), int(np.argmax(gaps)))
+    return float(positions[best][0] * inch[0]), float(positions[best][1] * inch[1])
 
 
-def _distance(place: Array, line: Array) -> float:
-    """From a point to a polyline of shape (points, 2); what is NaN in it is no part of it."""
+def _distance(point: Array, line: Array) -> float:
+    """Return the distance from a point to a polyline of shape (points, 2), ignoring NaN."""
     start, step = line[:-1], np.diff(line, axis=0)
-    long = np.maximum((step**2).sum(axis=1), np.finfo(float).tiny)
-    share = np.clip(((place - start) * step).sum(axis=1) / long, 0, 1)
-    gaps = np.hypot(*(start + share[:, None] * step - place).T)
+    squares = np.maximum((step**2).sum(axis=1), np.finfo(float).tiny)
+    share = np.clip(((point - start) * step).sum(axis=1) / squares, 0, 1)
+    gaps = np.hypot(*(start + share[:, None] * step - point).T)
     return float(np.min(gaps[np.isfinite(gaps)], initial=np.inf))
 
 
@@ -340,7 +341,7 @@ def _write_names(view: _View, rows: list[list[Label]]) -> None:
 
 
 def _write_spans(view: _View, rows: list[list[Label]]) -> None:
-    """Distances as on a technical drawing."""
+    """Write distances as in a technical drawing."""
     line = view.below(0.16)
     style = {"arrowstyle": "<|-|>", "color": "0.25", "lw": 0.7, "shrinkA": 0, "shrinkB": 0}
     style["mutation_scale"] = 7
@@ -362,17 +363,17 @@ def _write_spans(view: _View, rows: list[list[Label]]) -> None:
             view.axes.text(label.z, low, label.text, ha="center", va="top", size=8.5)
 
 
-def _captioned(view: _View, rays: Rays) -> Figure:
-    """What the colours mean, and the scale of the heights."""
-    words = []
+def _with_caption(view: _View, rays: Rays) -> Figure:
+    """Add the legend of colours and the ratio of the axes."""
+    notes = []
     if rays.axial is not None:
-        words.append(f"blue: rays {'along' if rays.distant else 'from'} the axis")
+        notes.append(f"blue: rays {'along' if rays.distant else 'from'} the axis")
     if rays.oblique is not None:
-        words.append("red: tilted rays" if rays.distant else "red: rays from a point beside it")
+        notes.append("red: tilted rays" if rays.distant else "red: rays from a point beside it")
     if rays.chief is not None:
-        words.append("chief ray dashed")
-    words.append(f"heights to lengths {view.z_inch / view.y_inch:.4g} : 1")
+        notes.append("chief ray dashed")
+    notes.append(f"heights to lengths {view.z_inch / view.y_inch:.4g} : 1")
     low = 0.07 / view.figure.get_figheight()
     right = 1 - _RIGHT / _WIDTH
-    view.figure.text(right, low, "; ".join(words), ha="right", size=7.5, color="0.35")
+    view.figure.text(right, low, "; ".join(notes), ha="right", size=7.5, color="0.35")
     return view.figure

@@ -20,9 +20,9 @@ Voxel = tuple[float, float, float]
 
 _MICRONS = 1e6
 _WIDTH = 6.4  # inches of the pictures
-_GAP = 0.03  # of the width, between them
-_HIGHEST = 9.0  # inches
-_COLUMNS = 5  # of a montage
+_GAP = 0.03  # distance between pictures, over their width
+_MAX_HEIGHT = 9.0  # inches
+_COLUMNS = 5  # columns of a montage
 _FOR_BAR, _FOR_TITLE = 1.1, 0.5  # inches
 _TRACK = "#56b4e9"
 _AXES = {"z": 0, "y": 1, "x": 2}
@@ -43,30 +43,29 @@ def orthogonal_views(
 ) -> Figure:
     """Draw a volume from three sides: along z, and along x and y beside and below it.
 
-    All three have one scale of lengths, so that a cube looks like one, and one scale of values.
-    Each has a scale bar of a round length.
+    All three pictures have equal length scales, so that a cube looks cubic, and a common colour
+    scale. Each has a scale bar of a round length.
 
     Parameters
     ----------
     volume : array_like
-        Real, shape (planes, y, x).
+        Real volume, shape (planes, y, x).
     voxel : tuple of float
-        (dz, dy, dx) in metres, positive.
+        Sides (dz, dy, dx) of a voxel in metres, positive.
     at : tuple of int, optional
-        (plane, row, column) of slices, which lines mark; default maximum projections.
+        Indices (plane, row, column) of slices, marked by lines; default maximum projections.
     scale : {"linear", "log", "root"}
-        Of the values.
+        Colour scale.
     limits : tuple of float, optional
-        Values at both ends of the colours; default those of the volume.
+        Values at both ends of the colours; default the range of the volume.
     tracks : Tracks, optional
-        Drawn over projections; in metres, or in voxels as their unit says.
+        Tracks to draw over projections, in metres or voxels according to their unit.
     frame : int, optional
-        Number of the volume: tracks are drawn up to it, with a circle where they are; default the
-        whole tracks.
+        Last frame of the tracks, with a circle at its positions; default all frames.
     origin : float
-        z of plane 0 in metres, of tracks in metres.
+        Position z of plane 0 in metres, for tracks in metres.
     title : str
-        Over the picture along z; default what is drawn.
+        Title over the picture along z; default a description.
 
     Returns
     -------
@@ -76,10 +75,10 @@ def orthogonal_views(
     Raises
     ------
     ShapeError
-        If the volume has another number of axes, or no sample.
+        If the volume does not have three axes, or is empty.
     ValueError
-        If a voxel is not positive, a slice outside of the volume, a scale unknown, or no sample is
-        finite.
+        If a voxel is not positive, a slice is outside the volume, a scale is unknown, or no sample
+        is finite.
 
     Examples
     --------
@@ -89,29 +88,31 @@ def orthogonal_views(
     ['2 µm', 'x, y', '2 µm', 'z, y', '2 µm', 'x, z']
     """
     values, sides = _checked(volume, voxel)
-    places = None if at is None else _slices(at, values.shape)
-    parts = _projections(values) if places is None else _sections(values, places)
+    indices = None if at is None else _slices(at, values.shape)
+    parts = _projections(values) if indices is None else _sections(values, indices)
     deep, high, wide = (n * side for n, side in zip(values.shape, sides, strict=True))
-    figure, panels, beside = _three(deep, high, wide)
+    figure, panels, bar_axes = _three_panels(deep, high, wide)
     shades = _shades(parts, scale, limits)
     extents = ((0, wide, high, 0), (0, deep, high, 0), (0, wide, deep, 0))
     for panel, part, extent in zip(panels, (parts[0], parts[2].T, parts[1]), extents, strict=True):
         shades.show(panel, part, extent=extent)
         panel.set_axis_off()
-        if places is None and tracks is not None:
+        if indices is None and tracks is not None:
             axes = {panels[0]: "yx", panels[1]: "yz", panels[2]: "zx"}[panel]
             _draw_tracks(panel, tracks, axes, sides, origin, frame)
-    if places is not None:
-        z, y, x = ((k + 0.5) * side for k, side in zip(places, sides, strict=True))
+    if indices is not None:
+        z, y, x = ((k + 0.5) * side for k, side in zip(indices, sides, strict=True))
         for panel, (down, right) in zip(panels, ((y, x), (y, z), (z, x)), strict=True):
             panel.axhline(down, color="white", lw=0.5, alpha=0.6)
             panel.axvline(right, color="white", lw=0.5, alpha=0.6)
     for panel, names in zip(panels, ("x, y", "z, y", "x, z"), strict=True):
         scale_bar(panel, 1 / _MICRONS)
         _name(panel, names)
-    words = "largest along z, y and x" if places is None else f"slices at {_said(places)}"
-    panels[0].set_title(title or words, loc="left")
-    shades.bar(figure, "value of a voxel", cax=beside)
+    description = (
+        "largest along z, y and x" if indices is None else f"slices at {_index_text(indices)}"
+    )
+    panels[0].set_title(title or description, loc="left")
+    shades.bar(figure, "value of a voxel", cax=bar_axes)
     return figure
 
 
@@ -122,37 +123,37 @@ def maximum_projection(
     voxel: Voxel,
     axis: Literal["z", "y", "x"] = "z",
     scale: Scale = "linear",
-    shown: int = 15,
+    max_frames: int = 15,
     title: str = "",
 ) -> Figure:
-    """Draw the largest samples along an axis, of one volume or of those of a series.
+    """Draw maximum projections along an axis, of a volume or of a series of volumes.
 
     Parameters
     ----------
     volumes : array_like
-        Real, shape (planes, y, x) or (t, planes, y, x).
+        Real volume, shape (planes, y, x), or series, shape (t, planes, y, x).
     voxel : tuple of float
-        (dz, dy, dx) in metres, positive.
+        Sides (dz, dy, dx) of a voxel in metres, positive.
     axis : {"z", "y", "x"}
-        Along which they are looked for.
+        Axis of the projection.
     scale : {"linear", "log", "root"}
-        Of the values.
-    shown : int
-        At most so many times of a series, in even steps.
+        Colour scale.
+    max_frames : int
+        Maximum number of frames of a series, in even steps.
     title : str
-        Over the picture of one volume; times have their number.
+        Title over a single picture; frames of a series are numbered.
 
     Returns
     -------
     matplotlib.figure.Figure
-        A picture a time, at most five in a row, the first with a scale bar, and a colour bar.
+        A picture per frame, at most five in a row, the first with a scale bar, and a colour bar.
 
     Raises
     ------
     ShapeError
-        If the volumes have another number of axes, or no sample.
+        If the volumes do not have three or four axes, or are empty.
     ValueError
-        If a voxel is not positive, an axis or a scale unknown, or no sample is finite.
+        If a voxel is not positive, an axis or a scale is unknown, or no sample is finite.
 
     Examples
     --------
@@ -162,24 +163,26 @@ def maximum_projection(
     ['frame 0', 'frame 1', 'frame 2']
     """
     if axis not in _AXES:
-        raise ValueError(f'An axis is "z", "y" or "x", not {axis!r}.')
-    if not (is_integer(shown) and shown >= 1):
-        raise ValueError(f"shown is a whole number from 1 on, not {shown!r}.")
+        raise ValueError(f'axis must be "z", "y" or "x", got {axis!r}.')
+    if not (is_integer(max_frames) and max_frames >= 1):
+        raise ValueError(f"max_frames must be an integer of at least 1, got {max_frames!r}.")
     values = real_array(volumes, "A volume")
     series = values[None] if values.ndim == 3 else values
     if series.ndim != 4 or not series.size:
         raise ShapeError(
-            f"Volumes have shape (planes, y, x) or (t, planes, y, x), not {values.shape}."
+            f"volumes must have shape (planes, y, x) or (t, planes, y, x), got {values.shape}."
         )
     along = _AXES[axis]
     sides = np.delete(_checked(series[0], voxel)[1], along)
-    times = np.unique(np.linspace(0, len(series) - 1, min(shown, len(series))).round().astype(int))
+    times = np.unique(
+        np.linspace(0, len(series) - 1, min(max_frames, len(series))).round().astype(int)
+    )
     parts = [series[t].max(axis=along) for t in times]
     columns = min(_COLUMNS, len(parts))
     rows = -(-len(parts) // columns)
     high, wide = (n * side for n, side in zip(parts[0].shape, sides, strict=True))
     width = _WIDTH / max(columns, 2)
-    tall = min(width * high / wide, _HIGHEST / rows)
+    tall = min(width * high / wide, _MAX_HEIGHT / rows)
     figure = new_figure(columns * tall * wide / high + 1.2, rows * (tall + 0.3) + 0.1)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     shades = _shades(parts, scale, None)
@@ -194,12 +197,12 @@ def maximum_projection(
 
 
 def _checked(volume: Any, voxel: Voxel) -> tuple[Array, Array]:
-    """A volume, and the sides of its voxels in micrometres."""
+    """Return a volume and the sides of its voxels in micrometres."""
     values = real_array(volume, "A volume")
     if values.ndim != 3 or not values.size:
-        raise ShapeError(f"A volume has shape (planes, y, x), not {values.shape}.")
+        raise ShapeError(f"volume must have shape (planes, y, x), got {values.shape}.")
     if np.shape(voxel) != (3,) or not all(is_finite(side) and side > 0 for side in voxel):
-        raise ValueError(f"A voxel is (dz, dy, dx) in metres, positive, not {voxel!r}.")
+        raise ValueError(f"voxel must be (dz, dy, dx) in metres, positive, got {voxel!r}.")
     return values, np.asarray(voxel, np.float64) * _MICRONS
 
 
@@ -207,44 +210,44 @@ def _slices(at: tuple[int, int, int], shape: tuple[int, ...]) -> tuple[int, ...]
     if np.shape(at) != (3,) or not all(
         is_integer(k) and 0 <= k < n for k, n in zip(at, shape, strict=True)
     ):
-        raise ValueError(f"Slices lie at (plane, row, column) of {shape}, from 0 on, not {at!r}.")
+        raise ValueError(f"at must be (plane, row, column) within {shape}, got {at!r}.")
     return tuple(int(k) for k in at)
 
 
 def _projections(values: Array) -> list[Array]:
-    """The largest samples along z, y and x."""
+    """Return the maximum projections along z, y and x."""
     return [values.max(axis=axis) for axis in range(3)]
 
 
 def _sections(values: Array, at: tuple[int, ...]) -> list[Array]:
-    """The slices across z, y and x."""
+    """Return the slices across z, y and x."""
     return [np.take(values, k, axis=axis) for axis, k in enumerate(at)]
 
 
 def _shades(parts: list[Array], scale: Scale, limits: tuple[float, float] | None) -> Shades:
     values = np.concatenate([part.ravel() for part in parts])
     if not np.isfinite(values).any():
-        raise ValueError("No sample of the volume is finite: there is nothing to draw.")
+        raise ValueError("The volume must have finite samples to draw, got none.")
     shades = Shades(values, scale)
     if limits is not None:
         shades.norm.vmin, shades.norm.vmax = limits
     return shades
 
 
-def _three(deep: float, high: float, wide: float) -> tuple[Figure, list[Axes], Axes]:
-    """A figure with panels along z, x and y on one scale of lengths, and room for a colour bar.
+def _three_panels(deep: float, high: float, wide: float) -> tuple[Figure, list[Axes], Axes]:
+    """Create a figure with panels along z, x and y at equal scales, and axes for a colour bar.
 
-    They are placed by hand, since a layout would stretch them.
+    The panels have fixed positions, since a layout would stretch them.
     """
     gap = _GAP * max(deep + wide, deep + high)
-    inch = min(_WIDTH / (wide + gap + deep), _HIGHEST / (high + gap + deep))
-    width, height = ((one + gap + deep) * inch for one in (wide, high))
+    inch = min(_WIDTH / (wide + gap + deep), _MAX_HEIGHT / (high + gap + deep))
+    width, height = ((side + gap + deep) * inch for side in (wide, high))
     total = (width + _FOR_BAR, height + _FOR_TITLE)
     figure = new_figure(*total)
     figure.set_layout_engine("none")
 
     def panel(x: float, y: float, across: float, down: float) -> Axes:
-        """A rectangle in inches."""
+        """Add axes on a rectangle in inches."""
         box = (x / total[0], y / total[1], across / total[0], down / total[1])
         return figure.add_axes(box)
 
@@ -259,7 +262,7 @@ def _three(deep: float, high: float, wide: float) -> tuple[Figure, list[Axes], A
 
 
 def _name(panel: Axes, names: str) -> None:
-    """Which axes lie across and down, in the upper left corner."""
+    """Write the axes across and down into the upper left corner."""
     edge = [withStroke(linewidth=1.5, foreground="black")]
     panel.annotate(
         names, (0, 1), (4, -4), xycoords="axes fraction", textcoords="offset points", va="top",
@@ -270,28 +273,36 @@ def _name(panel: Axes, names: str) -> None:
 def _draw_tracks(
     panel: Axes, tracks: Tracks, axes: str, sides: Array, origin: float, frame: int | None
 ) -> None:
-    """Lines of tracks as seen along an axis, and circles where they are in a frame."""
-    places = tracks.positions * _MICRONS
+    """Draw tracks as projected along an axis, with circles at a frame's positions."""
+    positions = tracks.positions * _MICRONS
     if tracks.unit == "voxel":
-        places = tracks.positions * sides
+        positions = tracks.positions * sides
     else:
-        places = places - (origin * _MICRONS, 0, 0)
-    places = places + sides / 2  # the middle of voxel 0
-    down, right = (places[:, _AXES[axis]] for axis in axes)
-    seen = np.ones(len(places), bool) if frame is None else tracks.frames <= frame
+        positions = positions - (origin * _MICRONS, 0, 0)
+    positions = positions + sides / 2  # the middle of voxel 0
+    down, right = (positions[:, _AXES[axis]] for axis in axes)
+    is_visible = np.ones(len(positions), bool) if frame is None else tracks.frames <= frame
     lines = [
-        np.stack([right, down], axis=1)[seen & (tracks.ids == one)] for one in np.unique(tracks.ids)
+        np.stack([right, down], axis=1)[is_visible & (tracks.ids == track)]
+        for track in np.unique(tracks.ids)
     ]
     panel.add_collection(
         LineCollection([line for line in lines if len(line) > 1], colors=_TRACK, linewidths=0.9),
         autolim=False,
     )
     if frame is not None:
-        now = tracks.frames == frame
+        is_current = tracks.frames == frame
         panel.plot(
-            right[now], down[now], "o", mfc="none", mec=_TRACK, ms=5, scalex=False, scaley=False
+            right[is_current],
+            down[is_current],
+            "o",
+            mfc="none",
+            mec=_TRACK,
+            ms=5,
+            scalex=False,
+            scaley=False,
         )
 
 
-def _said(at: tuple[int, ...]) -> str:
+def _index_text(at: tuple[int, ...]) -> str:
     return ", ".join(f"{axis} = {k}" for axis, k in zip("zyx", at, strict=True))

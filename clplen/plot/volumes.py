@@ -1,4 +1,4 @@
-"""Figures of volumes that a light-field microscope found."""
+"""Figures of volumes reconstructed from a light-field microscope."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ Pair = tuple[float, float]
 
 _MICRONS = 1e6
 _WIDTH = 7.0  # inches
-_THIN = 0.15  # least part of the picture's side that the depth takes
+_MIN_DEPTH = 0.15  # smallest width of the depth panels over the picture's side
 _PROJECTIONS: dict[str, Any] = {"maximum": np.max, "mean": np.mean}
 
 
 @styled
 def volume(
-    found: DeconvolutionResult,
+    result: DeconvolutionResult,
     *,
     title: str = "",
     scale: Scale = "linear",
@@ -30,52 +30,52 @@ def volume(
 ) -> Figure:
     """Draw three projections of a volume: along z, and along x and y beside and below it.
 
-    Axes are in micrometres from the middle of the volume and from the native plane where the
-    result knows its planes and voxels, else in voxels. Planes are drawn in even steps.
+    Axes are in micrometres from the middle of the volume and from the native plane if the result
+    has planes and voxels, else in voxels. Planes are drawn in even steps.
 
     Parameters
     ----------
-    found : DeconvolutionResult
-        Of one frame.
+    result : DeconvolutionResult
+        Deconvolution of one frame.
     title : str
-        Over the projection along z; default the projections.
+        Title over the projection along z; default the kind of projection.
     scale : {"linear", "log", "root"}
-        Of the values.
+        Colour scale.
     projection : {"maximum", "mean"}
-        What is drawn of the voxels along a line.
+        Projection of the voxels along a line.
 
     Returns
     -------
     matplotlib.figure.Figure
-        Three panels on one scale of values.
+        Three panels with a common colour scale.
 
     Raises
     ------
     ShapeError
-        If it is a series of volumes.
+        If the result is a series of volumes.
     ValueError
-        For another projection or scale.
+        If the projection or the scale is unknown.
 
     Examples
     --------
     >>> voxels = np.random.default_rng(1).random((5, 16, 16), np.float32)
     >>> planes = np.linspace(-20e-6, 20e-6, 5)
-    >>> found = clplen.microscopy.DeconvolutionResult(
+    >>> result = clplen.microscopy.DeconvolutionResult(
     ...     voxels, np.ones(3), 3, (), planes=planes, voxel=(2e-6, 2e-6))
-    >>> figure = clplen.plot.volume(found)
+    >>> figure = clplen.plot.volume(result)
     >>> [axes.get_xlabel() for axes in figure.axes[1:3]]
     ['z / µm', 'x / µm']
     """
     if projection not in _PROJECTIONS:
-        raise ValueError(f'A projection is "maximum" or "mean", not {projection!r}.')
-    if found.volume.ndim != 3:
+        raise ValueError(f'projection must be "maximum" or "mean", got {projection!r}.')
+    if result.volume.ndim != 3:
         raise ShapeError(
-            f"A volume has shape (planes, y, x), not {found.volume.shape}: draw one frame's."
+            f"volume must have shape (planes, y, x), got {result.volume.shape}: draw one frame."
         )
     along = _PROJECTIONS[projection]
-    from_z, from_y, from_x = (along(found.volume, axis=axis) for axis in range(3))
-    z, y, x, unit = _ends(found)
-    deep = max(_THIN, min(1.0, abs(z[1] - z[0]) / abs(x[1] - x[0])))
+    from_z, from_y, from_x = (along(result.volume, axis=axis) for axis in range(3))
+    z, y, x, unit = _ends(result)
+    deep = max(_MIN_DEPTH, min(1.0, abs(z[1] - z[0]) / abs(x[1] - x[0])))
     ratio = min(2.0, abs(y[1] - y[0]) / abs(x[1] - x[0]))
     figure = new_figure(_WIDTH, _WIDTH * 0.8 * (ratio + deep) / (1 + deep) + 0.4)
     panels = figure.subplots(2, 2, width_ratios=(1, deep), height_ratios=(ratio, deep))
@@ -92,18 +92,18 @@ def volume(
     return figure
 
 
-def _ends(found: DeconvolutionResult) -> tuple[Pair, Pair, Pair, tuple[str, str]]:
-    """Outer borders along z, y and x, and the units of z and of y and x."""
-    count, ny, nx = found.volume.shape
+def _ends(result: DeconvolutionResult) -> tuple[Pair, Pair, Pair, tuple[str, str]]:
+    """Return outer edges along z, y and x, and the units of z and of y and x."""
+    count, ny, nx = result.volume.shape
     z, units = (-0.5, count - 0.5), ["plane", "voxel"]
-    if found.planes is not None:
-        first, last = (float(found.planes[k]) * _MICRONS for k in (0, -1))
+    if result.planes is not None:
+        first, last = (float(result.planes[k]) * _MICRONS for k in (0, -1))
         half = (last - first) / (count - 1) / 2 if count > 1 else 0.5
         z, units[0] = (first - half, last + half), "µm"
     steps = (1.0, 1.0)
-    if found.voxel is not None:
-        check_finite(voxel=found.voxel)
-        steps = (found.voxel[0] * _MICRONS, found.voxel[1] * _MICRONS)
+    if result.voxel is not None:
+        check_finite(voxel=result.voxel)
+        steps = (result.voxel[0] * _MICRONS, result.voxel[1] * _MICRONS)
         units[1] = "µm"
     y, x = ((-n * step / 2, n * step / 2) for n, step in zip((ny, nx), steps, strict=True))
     return z, y, x, (units[0], units[1])

@@ -1,7 +1,7 @@
-"""A self-test of devices: every family of kernels, transforms and memory against NumPy in float64.
+"""Self-test of devices: all families of kernels, transforms and memory against float64 NumPy.
 
-A `Device` comes in, a list of `CheckResult` leaves. The twins are written from the definitions and
-the cases are small, with nothing square, symmetric, even or zero that could hide a fault.
+`run_checks` takes a `Device` and returns a list of `CheckResult`. The references follow the
+definitions. Cases are small, and never square, symmetric, even or zero, so that no fault is masked.
 """
 
 from clplen.selftest.check import CheckResult

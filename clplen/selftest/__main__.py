@@ -1,4 +1,4 @@
-"""The child process of `clplen.selftest.runner.run_isolated`."""
+"""Child process of `clplen.selftest.runner.run_isolated`."""
 
 from __future__ import annotations
 

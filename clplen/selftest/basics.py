@@ -1,4 +1,4 @@
-"""Checks of what everything else stands on: memory, Fourier transforms, precision, arithmetic."""
+"""Checks of the foundations: memory, Fourier transforms, precision, arithmetic."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from clplen.wave.field.field import Field, Grid
 from clplen.wave.propagation.propagator import Propagator
 
 LAM = 532e-9
-SHARE = 4  # of the memory: the large array takes one in so many bytes
+SHARE = 4  # memory of the device over the size of the large array
 MODULES = {"vkfft": "pyvkfft", "ducc0": "ducc0", "scipy": "scipy"}
 
 
 def _large_array(device: Device) -> Pairs:
-    """Bytes at the beginning, in the middle and at the end of a large array."""
+    """Check bytes at the beginning, in the middle and at the end of a large array."""
     free = min(device.memory_bytes, free_memory()) if device.is_cpu else device.memory_bytes
     size = min(int(device.cl_device.max_mem_alloc_size), free // SHARE) // 4096 * 4096
     large: Any = device.empty((size,), np.uint8)
     try:
         marks = np.random.default_rng(1).integers(1, 256, (3, 4096)).astype(np.uint8)
-        places = (0, size // 2 // 4096 * 4096, size - 4096)
-        for mark, place in zip(marks, places, strict=True):
-            device.copy_into(large, device.upload(mark), place)
-        found = [device.download(large[place : place + 4096]) for place in places]
-        yield marks.astype(float), np.array(found, float)
+        offsets = (0, size // 2 // 4096 * 4096, size - 4096)
+        for mark, offset in zip(marks, offsets, strict=True):
+            device.copy_into(large, device.upload(mark), offset)
+        blocks = [device.download(large[offset : offset + 4096]) for offset in offsets]
+        yield marks.astype(float), np.array(blocks, float)
     finally:
         device.finish()
         large.base_data.release()
@@ -43,38 +43,38 @@ def _large_array(device: Device) -> Pairs:
 
 
 def _transfers(device: Device) -> Pairs:
-    """To the device, within it, and back, of odd sizes; zeros."""
+    """Check copies to the device, within it and back, of odd sizes, and zeros."""
     for count in (1, 4099, 5_000_011):
         values = np.random.default_rng(count).integers(1, 256, count).astype(np.uint8)
-        there = device.upload(values)
+        array = device.upload(values)
         copied = device.zeros((count + 7,), np.uint8)
-        device.copy_into(copied, there, 5)
-        yield values, device.download(there)
+        device.copy_into(copied, array, 5)
+        yield values, device.download(array)
         yield np.pad(values, (5, 2)), device.download(copied)
 
 
 def _mapped(device: Device) -> Pairs:
-    """What the host writes into a mapped buffer arrives, and what kernels write is seen."""
+    """Check that host and kernels see each other's writes to a mapped buffer."""
     values = twins.waves(1, 37, 41)
     array = device.upload(values)
-    with device.on_host(array) as seen:
-        yield values, seen.copy()
-        seen *= 2
+    with device.on_host(array) as mapped:
+        yield values, mapped.copy()
+        mapped *= 2
     field = Field(array, Grid(values.shape, 1e-6), LAM, device)
     power = field.intensity().data
-    with device.on_host(power, write=False) as found:
-        yield np.abs(2 * values.astype(complex)) ** 2, found.copy()
+    with device.on_host(power, write=False) as mapped_power:
+        yield np.abs(2 * values.astype(complex)) ** 2, mapped_power.copy()
 
 
 def _dft(n: int, forward: bool) -> Any:
-    """Matrix of the discrete Fourier transform, or of its inverse with 1/n."""
+    """Return the matrix of the discrete Fourier transform, or of its inverse with 1/n."""
     k = np.arange(n)
     turns = np.outer(k, k) % n / n
     return np.exp((-2j if forward else 2j) * np.pi * turns) / (1 if forward else n)
 
 
 def _transforms(name: str, device: Device) -> Pairs:
-    """Over both axes and over one, forwards and back, of lengths with small and large factors."""
+    """Check both directions over one and two axes, of lengths with small and large factors."""
     route = FFTRoute(name, device.fft.threads)
     for ny, nx in ((12, 35), (34, 23)):
         u = twins.waves(ny, 2, ny, nx).astype(device.complex)
@@ -88,7 +88,7 @@ def _transforms(name: str, device: Device) -> Pairs:
 
 
 def _no_route(name: str, device: Device) -> str:
-    """Why a device has no such route."""
+    """Return the reason why a device lacks an FFT route, or an empty string."""
     if find_spec(MODULES[name]) is None:
         return f"{MODULES[name]} is not installed"
     if name == "vkfft" and device.is_cpu and device.platform.startswith("Intel"):
@@ -97,7 +97,7 @@ def _no_route(name: str, device: Device) -> str:
 
 
 def built_in_values(device: Device) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """Values of every built-in function that kernels call."""
+    """Compute values of every built-in function that kernels call."""
     count = len(builtin_functions.expected(double=device.has_fp64))
     y = device.empty((count, builtin_functions.COUNT), np.float32)
     arguments = [device.upload(values) for values in builtin_functions.inputs()]
@@ -108,13 +108,13 @@ def built_in_values(device: Device) -> np.ndarray[Any, np.dtype[np.float32]]:
 
 
 def _built_in(device: Device) -> Pairs:
-    """Every built-in function of OpenCL that kernels call, at every width."""
+    """Check every built-in OpenCL function that kernels call, at every width."""
     expected = builtin_functions.expected(double=device.has_fp64)
     yield from zip(expected.values(), built_in_values(device), strict=True)
 
 
 def _double(device: Device) -> Pairs:
-    """A lens and a propagation in complex128."""
+    """Check a lens and a propagation in complex128."""
     precise = Device.open(device.place, precision="double")
     grid, f, z = Grid((24, 35), (5e-6, 4e-6), origin=(2e-6, -3e-6)), 5e-3, 1.5e-3
     rng = np.random.default_rng(2)

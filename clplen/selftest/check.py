@@ -1,4 +1,4 @@
-"""One check: a device's results beside their float64 twins."""
+"""Comparison of a device's results with their float64 references."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ EPS = 2.0**-23  # spacing of float32 at 1
 
 @dataclass(frozen=True)
 class Check:
-    """Comparison of one family of kernels, or another ability of a device, with NumPy."""
+    """Comparison of one family of kernels, or of another capability of a device, with NumPy."""
 
     name: str
     compared: str
-    pairs: Callable[[Device], Pairs]  # yields (expected, found), arrays of one shape
-    tolerance: float  # largest max|found - expected| / max|expected| of any pair
+    pairs: Callable[[Device], Pairs]  # yields (expected, computed), of equal shapes
+    tolerance: float  # limit of max|computed - expected| / max|expected| of any pair
     files: tuple[str, ...] = ()  # kernels whose results are compared
-    absent: Callable[[Device], str] = lambda device: ""  # why a device lacks the ability, else ""
+    absent: Callable[[Device], str] = lambda device: ""  # reason to skip, or ""
 
 
 @dataclass(frozen=True)
@@ -39,24 +39,24 @@ class CheckResult:
     name: str
     compared: str
     files: tuple[str, ...]
-    error: float  # the largest relative error; NaN where nothing could be compared
+    error: float  # largest relative error; NaN where nothing was compared
     tolerance: float
     status: Status
-    reason: str  # why it failed or was left out
+    reason: str  # reason of a failure or a skip
     seconds: float
 
     @property
     def failed(self) -> bool:
-        """Whether the device is wrong or could not do it."""
+        """Flag of wrong results or of an error."""
         return self.status == "FAILED"
 
 
 class WrongResultError(ClplenError):
-    """A result that cannot be compared with what is expected."""
+    """Result that cannot be compared with its reference."""
 
 
 def run_check(check: Check, device: Device) -> CheckResult:
-    """Run one check; whatever goes wrong becomes its result."""
+    """Run one check; any exception becomes its result."""
     start, error, reason = perf_counter(), math.nan, ""
     status: Status = "left out"
     try:
@@ -66,7 +66,7 @@ def run_check(check: Check, device: Device) -> CheckResult:
             if not reason:
                 error = largest_error(check.pairs(device))
                 status = "ok" if error <= check.tolerance else "FAILED"
-    except Exception as problem:  # of any kind: the other checks must run
+    except Exception as problem:  # any kind: the other checks must run
         status, reason = "FAILED", sentence_of(problem)
     if status == "FAILED" and not reason:
         reason = "wrong values"
@@ -77,33 +77,33 @@ def run_check(check: Check, device: Device) -> CheckResult:
 
 
 def largest_error(pairs: Pairs) -> float:
-    """The largest max|found - expected| / max|expected| of some pairs."""
+    """Return the largest max|computed - expected| / max|expected| of some pairs."""
     worst = -math.inf
-    for expected, found in pairs:
-        want, got = np.asarray(expected), np.asarray(found)
-        if want.shape != got.shape:
-            raise WrongResultError(f"a result of shape {got.shape} instead of {want.shape}")
-        bad = int(np.count_nonzero(~np.isfinite(got)))
+    for expected, computed in pairs:
+        reference, values = np.asarray(expected), np.asarray(computed)
+        if reference.shape != values.shape:
+            raise WrongResultError(f"a result of shape {values.shape} instead of {reference.shape}")
+        bad = int(np.count_nonzero(~np.isfinite(values)))
         if bad:
-            raise WrongResultError(f"{bad} of {got.size} values are NaN or infinite")
-        wide = np.complex128 if np.iscomplexobj(want) else np.float64
-        scale = float(np.abs(want).max())
-        worst = max(worst, float(np.abs(got.astype(wide) - want).max()) / (scale or 1.0))
+            raise WrongResultError(f"{bad} of {values.size} values are NaN or infinite")
+        wide = np.complex128 if np.iscomplexobj(reference) else np.float64
+        scale = float(np.abs(reference).max())
+        worst = max(worst, float(np.abs(values.astype(wide) - reference).max()) / (scale or 1.0))
     if worst < 0:
         raise WrongResultError("nothing was compared")
     return worst
 
 
 def sentence_of(error: Exception) -> str:
-    """The first line of an error, with its kind where that is not clplen's own.
+    """Return the first line of an error, prefixed by its type unless it is clplen's own.
 
-    With a line of the compiler's where a kernel does not build.
+    A kernel that does not build adds the first error line of the compiler.
     """
     lines = str(error.args[0] if error.args else error).strip().splitlines()
     first = next((line.strip() for line in lines if line.strip()), "")
     if isinstance(error, KernelBuildError):
-        said = [line.strip() for line in error.log.splitlines() if "error:" in line.lower()]
-        return " ".join([first, *said[:1]])
+        details = [line.strip() for line in error.log.splitlines() if "error:" in line.lower()]
+        return " ".join([first, *details[:1]])
     if isinstance(error, ClplenError) and first:
         return first
     return f"{type(error).__name__}: {first}" if first else type(error).__name__

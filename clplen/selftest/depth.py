@@ -33,7 +33,7 @@ def _smooth(device: Device) -> Pairs:
 
 
 def _peaks(device: Device) -> Pairs:
-    """The vertex of the parabola through the highest of 5 planes that are unevenly spaced."""
+    """Check the vertex of the parabola through the highest of 5 unevenly spaced planes."""
     values = np.array([-1.7, -1.6, -0.9, 0.0, 0.7])
     vertex = twins.reals(3, 7, 17, low=-1.5, high=-0.1).astype(float)
     curve = (6 - (values[:, None, None] - vertex) ** 2).astype(np.float32)
@@ -41,10 +41,10 @@ def _peaks(device: Device) -> Pairs:
     with device.on_host(tracker.curve) as planes:
         planes[: curve.size] = curve.ravel()
     tracker.add(values)
-    place, sure = tracker.finish()
-    yield vertex, place
+    position, confidence = tracker.finish()
+    yield vertex, position
     k = 2 / curve.max(axis=0).astype(float)
-    yield k / (1 + k), sure
+    yield k / (1 + k), confidence
 
 
 def _moments(device: Device) -> Pairs:
@@ -68,7 +68,7 @@ def _moments(device: Device) -> Pairs:
 
 
 def _tensor(device: Device) -> Pairs:
-    """Gradients along x (or y) and across neighbouring views, their products summed over pairs."""
+    """Check products of gradients along x (or y) and across views, summed over pairs."""
     a = (200 * twins.reals(7, 2, 3, 6, 37)).astype(np.uint16)
     lf = LightField.from_array(a, device=device)
     d, steps = 0.35, twins.view_steps((2, 3))
@@ -95,10 +95,9 @@ def _tensor(device: Device) -> Pairs:
 
 
 class _Scene:
-    """Views that are smooth enough to match, and the float64 twin of matching.
+    """Views that are smooth enough to match, and the float64 reference of matching.
 
-    The 2 x 2 views about the middle make the centre C, with equal shares. A half of the aperture
-    holds two views, or three of which two by one half.
+    The 2 x 2 views around the middle form the centre; half apertures hold two to three views.
     """
 
     views, size = (2, 2), (8, 19)
@@ -118,61 +117,61 @@ class _Scene:
         self.steps = twins.view_steps(self.views).reshape(-1, 2)
 
     def sheared(self, d: float, step: float = 0.0) -> tuple[Any, Any]:
-        """(samples, what is seen) of every view on a plane, shapes (4, y, x)."""
-        values, seen = [], []
+        """Return (samples, visibility) of every view on a plane, shapes (4, y, x)."""
+        values, visible = [], []
         for view, (down, right) in zip(
             self.samples.reshape(4, *self.size), self.steps, strict=True
         ):
-            found, inside = view.astype(float), []
+            samples, inside = view.astype(float), []
             for axis, unit in enumerate((down, right)):
                 n = self.size[axis]
-                whole = int(np.floor(d * unit))
-                taps = twins.bell_taps((d * unit - whole) + step * unit)
-                index = np.arange(n)[:, None] + whole + np.arange(-1, 3)
-                part = np.take(found, np.clip(index, 0, n - 1), axis)
-                found = np.tensordot(np.moveaxis(part, axis + 1, -1), taps, 1)
+                shift = int(np.floor(d * unit))
+                taps = twins.bell_taps((d * unit - shift) + step * unit)
+                index = np.arange(n)[:, None] + shift + np.arange(-1, 3)
+                part = np.take(samples, np.clip(index, 0, n - 1), axis)
+                samples = np.tensordot(np.moveaxis(part, axis + 1, -1), taps, 1)
                 at = np.arange(n) + d * unit
                 inside.append((at >= 0) & (at <= n - 1))
-            values.append(found)
-            seen.append(np.outer(*inside))
-        return np.array(values), np.array(seen)
+            values.append(samples)
+            visible.append(np.outer(*inside))
+        return np.array(values), np.array(visible)
 
     def groups(self) -> Any:
-        """Share of every view in the aperture and in its eight halves, shape (9, 4)."""
+        """Return the weight of every view in the aperture and its eight halves, shape (9, 4)."""
         angles = np.arange(8) * np.pi / 4
         sides = np.stack((np.sin(angles), np.cos(angles)), axis=1) @ -self.steps.T
         return np.concatenate((np.ones((1, 4)), np.where(np.abs(sides) < 1e-9, 0.5, sides > 0)))
 
-    def means(self, e: Any, seen: Any) -> tuple[Any, Any]:
-        """Mean of min(e, tau) over each group, infinite where too few see the place; the counts."""
+    def means(self, e: Any, visible: Any) -> tuple[Any, Any]:
+        """Return means of min(e, tau) per group, infinite with too few views, and their counts."""
         tau, share = thresholds(1)[0], self.groups()
-        count = np.tensordot(share, seen.astype(float), 1)
-        total = np.tensordot(share, seen * np.minimum(e, tau), 1)
-        some = (count > 0) & (count >= 0.5 * share.sum(axis=1)[:, None, None])
-        some[0] = count[0] > 0
-        mean = np.divide(total, count, out=np.full(total.shape, np.inf), where=some)
+        count = np.tensordot(share, visible.astype(float), 1)
+        total = np.tensordot(share, visible * np.minimum(e, tau), 1)
+        is_valid = (count > 0) & (count >= 0.5 * share.sum(axis=1)[:, None, None])
+        is_valid[0] = count[0] > 0
+        mean = np.divide(total, count, out=np.full(total.shape, np.inf), where=is_valid)
         mean[0] = np.where(np.isinf(mean[0]), tau, mean[0])
         return mean, count
 
     def costs(self) -> Any:
         _, ratio, margin = thresholds(1)
-        found = []
+        planes = []
         for d in self.planes:
-            values, seen = self.sheared(d)
-            mean, _ = self.means(np.abs(values - values.mean(axis=0)), seen)
-            found.append(np.minimum(mean[0], ratio * mean[1:].min(axis=0) + margin))
-        return np.array(found)
+            values, visible = self.sheared(d)
+            mean, _ = self.means(np.abs(values - values.mean(axis=0)), visible)
+            planes.append(np.minimum(mean[0], ratio * mean[1:].min(axis=0) + margin))
+        return np.array(planes)
 
 
 def _matching(device: Device) -> Pairs:
     scene = _Scene(device)
     costs = scene.costs()
     for channels, lf in ((1, scene.lf), (2, scene.twice)):
-        found = match_costs(lf, scene.sorted, scene.moved, scene.spans)
-        yield channels * costs, device.download(found)
-    few = np.tile(np.array((1, 2), np.int32), (*scene.spans.shape[:2], 1))
-    found = match_costs(scene.lf, scene.sorted, scene.moved, few)
-    yield costs[1:3], device.download(found)[1:3]
+        computed = match_costs(lf, scene.sorted, scene.moved, scene.spans)
+        yield channels * costs, device.download(computed)
+    plane_range = np.tile(np.array((1, 2), np.int32), (*scene.spans.shape[:2], 1))
+    computed = match_costs(scene.lf, scene.sorted, scene.moved, plane_range)
+    yield costs[1:3], device.download(computed)[1:3]
 
 
 CHECKS = (

@@ -28,7 +28,7 @@ def _raw(values: Any, device: Device, grid: LensletGrid) -> RawImage:
 
 
 def _sampled(raw: Any, y: Any, x: Any, kernel: Any = twins.keys, *, clamp: bool = False) -> Any:
-    """A picture (ny, nx) at places of any shape; 0 off the sensor, or with its edges repeated."""
+    """Interpolate a picture (ny, nx) at positions; outside is 0 or repeats the edge."""
     shape = np.broadcast(y, x).shape
     my, mx = (
         twins.interpolation(np.broadcast_to(p, shape).ravel(), n, kernel=kernel, clamp=clamp)
@@ -38,7 +38,7 @@ def _sampled(raw: Any, y: Any, x: Any, kernel: Any = twins.keys, *, clamp: bool 
 
 
 def lenslet_centres(grid: LensletGrid) -> Any:
-    """(y, x) of the lenslets' centres, shape (2, rows, columns)."""
+    """Return (y, x) of the lenslets' centres, shape (2, rows, columns)."""
     i, k = np.indices(grid.count)
     k = k + np.where(i % 2, grid.odd_row_shift, 0)
     first, row, column = (
@@ -48,7 +48,7 @@ def lenslet_centres(grid: LensletGrid) -> Any:
 
 
 def _views_of(raw: Any, grid: LensletGrid, kernel: Any = twins.keys) -> Any:
-    """L[v, u, i, k] at the true centres."""
+    """Compute L[v, u, i, k] at the true centres."""
     V, U = grid.views
     y, x = lenslet_centres(grid)
     down, right = np.arange(V) - (V - 1) / 2, np.arange(U) - (U - 1) / 2
@@ -56,17 +56,17 @@ def _views_of(raw: Any, grid: LensletGrid, kernel: Any = twins.keys) -> Any:
 
 
 def _decode(device: Device) -> Pairs:
-    """Rows of a hexagonal array that are moved by half a lenslet are interpolated to the others."""
+    """Check that shifted rows of a hexagonal array are interpolated to the other rows."""
     raw = twins.reals(1, 61, 83)
     expected = _views_of(raw, TURNED)
     columns = TURNED.count[1]
-    back = twins.interpolation(np.arange(columns) - 0.5, columns, kernel=twins.keys, clamp=True)
-    expected[:, :, 1::2] = expected[:, :, 1::2] @ back.T
+    weights = twins.interpolation(np.arange(columns) - 0.5, columns, kernel=twins.keys, clamp=True)
+    expected[:, :, 1::2] = expected[:, :, 1::2] @ weights.T
     yield expected, device.download(resample(device.upload(raw), TURNED, device))
 
 
 def _divided(device: Device) -> Pairs:
-    """Over the white level."""
+    """Check division by the white level."""
     raw, white = twins.reals(3, 2, 3, 5, 7), twins.reals(4, 2, 3, 5, 7, low=0.2)
     out = device.zeros((2, 3, 5, 7, 3), np.float32)
     raw_decoding.divide_views(out, device.upload(raw), device.upload(white), 3, 1, device)
@@ -80,28 +80,28 @@ SENSOR = (40, 39)
 
 
 def _focused_raw(device: Device) -> tuple[Any, Any, RawImage, FocusedGeometry]:
-    """A smooth random picture under 3 x 3 lenslets: values, places (3, 3, 2), raw, geometry."""
+    """Return a smooth random picture under 3 x 3 lenslets, positions, raw image and geometry."""
     y, x = np.indices(SENSOR)
     noise = 0.1 * twins.reals(7, *SENSOR)
     values = (1.5 + noise + np.sin(0.5 * y - 0.3 * x + 1)).astype(np.float32)
     i, j = np.indices((3, 3))[..., None]
-    places = np.array(ORIGIN) + i * np.array(FIRST) + j * np.array(SECOND)
+    centres = np.array(ORIGIN) + i * np.array(FIRST) + j * np.array(SECOND)
     raw = _raw(values, device, LensletGrid((3, 3), (3, 3), ORIGIN, FIRST, SECOND))
-    return values, places, raw, FocusedGeometry.of(raw)
+    return values, centres, raw, FocusedGeometry.of(raw)
 
 
 def _focused(device: Device) -> Pairs:
-    """Patches of the nearest sub-image, and the mean of all that show a point."""
-    values, places, raw, geometry = _focused_raw(device)
+    """Check patches of the nearest sub-image, and the mean of all sub-images of a point."""
+    values, all_centres, raw, geometry = _focused_raw(device)
     for method, ratio in (("basic", 0.31), ("blended", -0.3)):
         picture = render_focused(raw, method=method, m=ratio, step=2.37)
-        got = picture.to_numpy()
+        values_on_device = picture.to_numpy()
         y, x = (axis[:, None, None] if k == 0 else axis[None, :, None]
                 for k, axis in enumerate(picture.grid.axes()))  # fmt: skip
-        centres = places.reshape(-1, 2)
+        centres = all_centres.reshape(-1, 2)
         dy, dx = ratio * (centres[:, 0] - y), ratio * (centres[:, 1] - x)
         at_y, at_x = np.broadcast_arrays(centres[:, 0] + dy, centres[:, 1] + dx)
-        shown = _sampled(values, at_y, at_x, clamp=True)
+        samples = _sampled(values, at_y, at_x, clamp=True)
         ny, nx = SENSOR
         recorded = (at_y >= 0) & (at_y <= ny - 1) & (at_x >= 0) & (at_x <= nx - 1)
         near = np.hypot(dy, dx)
@@ -109,18 +109,18 @@ def _focused(device: Device) -> Pairs:
         if method == "basic":
             w = (near == near.min(axis=-1, keepdims=True)) & recorded
         lit = w.sum(axis=-1) > 0
-        expected = (w * shown).sum(axis=-1) / np.maximum(w.sum(axis=-1), 1e-30)
+        expected = (w * samples).sum(axis=-1) / np.maximum(w.sum(axis=-1), 1e-30)
         # Beyond the lenslets nothing is recorded, and the nearest lattice point is no lenslet.
         inner = lit & (near.min(axis=-1) < 0.45 * geometry.pitch * abs(ratio))
-        yield expected[inner], got[inner]
+        yield expected[inner], values_on_device[inner]
 
 
-SHAPE, V, N = (5, 6), 2, 3  # lenslets; voxels and pixels of one along an axis
+SHAPE, V, N = (5, 6), 2, 3  # lenslets; voxels and pixels per lenslet along an axis
 OPTICS = {"na": 0.5, "medium_index": 1.0, "magnification": 20.0, "lenslet_pitch": 125e-6}
 
 
 def _projector(device: Device) -> Projector:
-    """Random point images of two planes, with the mirror symmetries of a square lattice."""
+    """Create a projector of two random planes with the symmetries of a square lattice."""
     planes = []
     for r in (1, 2):
         side = (2 * r + 1) * N
@@ -132,7 +132,7 @@ def _projector(device: Device) -> Projector:
 
 
 def _matrix(projector: Projector) -> Any:
-    """H[pixel, voxel]: the image of every voxel where it lies on the frame."""
+    """Return H[pixel, voxel], the image of every voxel on the frame."""
     (planes, ny, nx), (height, width) = projector.volume_shape, projector.frame_shape
     H = np.zeros((height * width, planes, ny, nx))
     for z, y, x in np.ndindex(planes, ny, nx):
@@ -153,28 +153,28 @@ def _projected(device: Device) -> Pairs:
 
 
 def _deconvolved(device: Device) -> Pairs:
-    """V <- V H'(w I/(w H V + b)) / H'w, from points ahead (Biggs and Andrews 1997)."""
+    """Check V <- V H'(w I/(w H V + b)) / H'w with acceleration (Biggs and Andrews 1997)."""
     projector = _projector(device)
     H = _matrix(projector)
     I, w = (twins.reals(k, *projector.frame_shape, low=0.5).astype(float) for k in (5, 6))  # noqa: E741
     b, (I, w) = 0.2, (I.ravel() * 50, w.ravel())  # noqa: E741
-    seen, x = H.T @ w, np.full(H.shape[1], I.sum() / H.shape[1] / w.mean())
-    begun = before = x
+    sensitivity, x = H.T @ w, np.full(H.shape[1], I.sum() / H.shape[1] / w.mean())
+    origin = before = x
     last = None
     for k in range(4):
         if k:
-            step = x - begun
+            step = x - origin
             a = 0.0 if last is None else np.clip(step @ last / (last @ last), 0, 0.999)
             x, before, last = np.maximum(x + a * (x - before), 0), x, step
-            begun = x
+            origin = x
         back = H.T @ (w * I / (w * (H @ x) + b))
-        x = np.where(seen > LEAST * seen.max(), x * back / seen, 0)
+        x = np.where(sensitivity > LEAST * sensitivity.max(), x * back / sensitivity, 0)
     shape = projector.frame_shape
-    found = deconvolve(
+    result = deconvolve(
         I.reshape(shape), projector, iterations=4, background=b, white=w.reshape(shape),
         accelerate=True,
     )  # fmt: skip
-    yield x.reshape(projector.volume_shape), found.volume
+    yield x.reshape(projector.volume_shape), result.volume
 
 
 CHECKS = (

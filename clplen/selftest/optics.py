@@ -22,7 +22,7 @@ from clplen.wave.field.field import Field, Grid
 
 LAM = 532e-9
 DX = 5e-6
-PITCH = 9.37 * DX  # of lenslets
+PITCH = 9.37 * DX  # pitch of the lenslets
 STRIPS = 2.6e-4  # 32 strips of exact chord: an error of 2 (1/32)^2/8 of a cell at the rim
 SEED, INDEX = 0x123456789ABCDEF0, 7
 
@@ -55,13 +55,13 @@ def _point_sources(device: Device) -> Pairs:
 
     grid, size = Grid((24, 37), (40e-6, 30e-6), origin=(20e-6, 0)), 400e-6
     points = np.array([(-3e-3, -2e-3, -0.05), (2.5e-3, 1e-3, 0.05)])
-    got = pupil_fields(
+    fields = pupil_fields(
         points, size, grid=grid, object_distance=0.24,
         focal_length=0.12, aperture_diameter=0.5e-3, wavelength=LAM, device=device,
     ).to_numpy()  # fmt: skip
     y, x = np.meshgrid(grid.y, grid.x, indexing="ij")
     share = twins.disc_share(y, x, 0.25e-3, grid.pitch)
-    for field, (x0, y0, dz) in zip(got, points, strict=True):
+    for field, (x0, y0, dz) in zip(fields, points, strict=True):
         z, rho2 = 0.24 + dz, (x - x0) ** 2 + (y - y0) ** 2
         v = np.pi * size * np.sqrt(rho2) / (LAM * z)
         turns = (np.sqrt(rho2 + z**2) - z) / LAM - (x**2 + y**2) / (2 * LAM * 0.12)
@@ -86,11 +86,11 @@ def _abbe(device: Device) -> Pairs:
 
 
 def _phasors(shape: tuple[int, int]) -> Any:
-    """exp(2 pi i r) of the random words of a counter (x//4, y, index, 0)."""
+    """Return exp(2 pi i r) of the random numbers of a counter (x//4, y, index, 0)."""
     y, x = np.indices(shape)
     counters = np.stack([x // 4, y, np.full(shape, INDEX), np.zeros(shape)], axis=-1)
-    words = philox(counters.astype(np.uint32), key_of(SEED))
-    return np.exp(2j * np.pi * np.take_along_axis(words, x[..., None] % 4, -1)[..., 0] / 2.0**32)
+    numbers = philox(counters.astype(np.uint32), key_of(SEED))
+    return np.exp(2j * np.pi * np.take_along_axis(numbers, x[..., None] % 4, -1)[..., 0] / 2.0**32)
 
 
 def _masks(device: Device) -> Pairs:
@@ -117,7 +117,7 @@ BALL = Sphere((0.8, -1.3), 4.6, disparity=-0.4, height=1.7, texture=GREY)
 
 
 def _hits(ball: Any, ground: Any, y: Any, x: Any, a: Any, b: Any) -> tuple[Any, Any]:
-    """d of the ball (or -inf) and of the ground on the rays (y + d a, x + d b)."""
+    """Return d of the ball (or -inf) and of the ground on the rays (y + d a, x + d b)."""
     d = (ground.disparity + ground.slope[0] * y + ground.slope[1] * x) / (
         1 - ground.slope[0] * a - ground.slope[1] * b
     )
@@ -131,14 +131,14 @@ def _hits(ball: Any, ground: Any, y: Any, x: Any, a: Any, b: Any) -> tuple[Any, 
 
 
 def _spline_weights(t: Any) -> Any:
-    """Of a cubic B-spline at -1, 0, 1, 2, on a new last axis."""
-    away = np.abs(np.asarray(t)[..., None] - np.arange(-1, 3))
-    near, far = (4 - 6 * away**2 + 3 * away**3) / 6, (2 - away) ** 3 / 6
-    return np.where(away <= 1, near, np.where(away < 2, far, 0.0))
+    """Return weights of a cubic B-spline at -1, 0, 1, 2, on a new last axis."""
+    distances = np.abs(np.asarray(t)[..., None] - np.arange(-1, 3))
+    near, far = (4 - 6 * distances**2 + 3 * distances**3) / 6, (2 - distances) ** 3 / 6
+    return np.where(distances <= 1, near, np.where(distances < 2, far, 0.0))
 
 
 def _light(surface: Any, y: Any, x: Any, d: Any, a: Any, b: Any) -> Any:
-    """Brightness of a surface at d: its texture, a periodic spline through samples, and shade."""
+    """Compute the brightness of a surface at d: periodic spline texture times shade."""
     from scipy.ndimage import spline_filter
 
     Y, X = y + d * a, x + d * b
@@ -148,13 +148,13 @@ def _light(surface: Any, y: Any, x: Any, d: Any, a: Any, b: Any) -> Any:
     ty, tx = (Y - centre[0]) / scale + ny // 2, (X - centre[1]) / scale + nx // 2
     rows, columns = (np.floor(t).astype(int)[..., None] + np.arange(-1, 3) for t in (ty, tx))
     wy, wx = (_spline_weights(t - np.floor(t)) for t in (ty, tx))
-    found = knots[rows[..., :, None] % ny, columns[..., None, :] % nx]
+    coefficients = knots[rows[..., :, None] % ny, columns[..., None, :] % nx]
     shade = np.maximum(0, 1 + surface.shade[0] * Y + surface.shade[1] * X)
-    return shade * np.einsum("...i,...j,...ij->...", wy, wx, found)
+    return shade * np.einsum("...i,...j,...ij->...", wy, wx, coefficients)
 
 
 def _scene(device: Device) -> Pairs:
-    """Pixels of which all rays see one surface: brightness by the pixel's centre ray."""
+    """Check pixels whose rays all hit one surface, by the brightness of the centre ray."""
     views, (ny, nx) = (2, 3), (11, 14)
     lf, truth = SurfaceScene([GROUND, BALL]).light_field(views, (ny, nx), device=device)
     y, x = np.arange(ny)[:, None] - (ny - 1) / 2, np.arange(nx) - (nx - 1) / 2
@@ -169,11 +169,13 @@ def _scene(device: Device) -> Pairs:
             BALL, GROUND, y[..., None, None] + parts[:, None], x[..., None, None] + parts, a, b
         )
         share = (fine[0] > fine[1]).mean(axis=(2, 3))
-        mine, other = (_light(s, y, x, np.where(np.isfinite(d), d, 0), a, b)
-                       for s, d in ((BALL, ball), (GROUND, ground)))  # fmt: skip
+        ball_light, ground_light = (
+            _light(s, y, x, np.where(np.isfinite(d), d, 0), a, b)
+            for s, d in ((BALL, ball), (GROUND, ground))
+        )
         plain = (share == 0) | (share == 1)
         rim += np.count_nonzero(~plain)
-        yield np.where(share == 1, mine, other)[plain], pictures[v, u][plain]
+        yield np.where(share == 1, ball_light, ground_light)[plain], pictures[v, u][plain]
     assert rim > 0
 
 

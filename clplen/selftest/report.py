@@ -1,4 +1,4 @@
-"""The results of the checks in words, and what belongs beside them into a report."""
+"""Text of check results, and the environment for bug reports."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from clplen.errors import ClplenError
 from clplen.selftest.check import CheckResult, sentence_of
 
 PREFIXES = ("CLPLEN_", "POCL_", "OCL_", "PYOPENCL_", "RUSTICL_")
-# What decides which built-in library and which compiler's target a CPU is given.
+# CPU flags that choose PoCL's built-in library and compiler target.
 FLAGS = (
     *("sse2", "ssse3", "sse4_1", "sse4_2", "avx", "f16c", "fma", "fma4", "avx2", "bmi1", "bmi2"),
     *("abm", "avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl", "asimd", "sve"),
@@ -30,13 +30,13 @@ HEAD = f"{'check':<19s} {'what is compared with NumPy':<47s} {'error':>8s}  {'al
 class DeviceReport:
     """Properties of one device and the results of its checks."""
 
-    facts: dict[str, str]  # the device in words
+    facts: dict[str, str]  # properties of the device as text
     results: list[CheckResult] = field(default_factory=list)  # "opening" alone if it cannot open
     seconds: float = 0.0
 
 
 def row(result: CheckResult) -> str:
-    """A result as a row under `HEAD`, with a second line where there is a reason."""
+    """Format a result as a row under `HEAD`, with a second line for a reason."""
     error = f"{result.error:8.1e}" if result.error == result.error else f"{'-':>8s}"
     allowed = f"{result.tolerance:8.1e}"
     if result.status == "left out":
@@ -50,7 +50,7 @@ def row(result: CheckResult) -> str:
 
 
 def summary(results: Sequence[CheckResult], seconds: float) -> str:
-    """How many checks passed, in how many seconds, and the names of those that failed."""
+    """Format the number of passed checks, the duration and the names of failed checks."""
     failed = [result.name for result in results if result.failed]
     counts = [sum(result.status == status for result in results) for status in ("ok", "left out")]
     text = f"{counts[0]} checks ok, {len(failed)} FAILED"
@@ -60,19 +60,19 @@ def summary(results: Sequence[CheckResult], seconds: float) -> str:
 
 
 def device_facts(device: Device, *, is_open: bool = False) -> dict[str, str]:
-    """A device in words, by what they tell."""
-    found = device.cl_device
+    """Return properties of a device as text by name."""
+    info = device.cl_device
     facts = {
         "device": f"{device.place}  {device.name}",
-        "platform": f"{device.platform}, {found.platform.version.strip()}",
-        "driver": found.driver_version.strip(),
-        "version": f"{found.version.strip()}; {found.opencl_c_version.strip()}",
+        "platform": f"{device.platform}, {info.platform.version.strip()}",
+        "driver": info.driver_version.strip(),
+        "version": f"{info.version.strip()}; {info.opencl_c_version.strip()}",
         "memory": f"{device.memory_bytes / 2**30:.1f} GiB, at most "
-        f"{found.max_mem_alloc_size / 2**30:.1f} GiB at once, local "
-        f"{found.local_mem_size // 2**10} KiB",
-        "units": f"{found.max_compute_units}, vectors of {found.native_vector_width_float} floats",
-        "float32": _float_abilities(found.single_fp_config),
-        "float64": _float_abilities(found.double_fp_config) if device.has_fp64 else "no",
+        f"{info.max_mem_alloc_size / 2**30:.1f} GiB at once, local "
+        f"{info.local_mem_size // 2**10} KiB",
+        "units": f"{info.max_compute_units}, vectors of {info.native_vector_width_float} floats",
+        "float32": _float_abilities(info.single_fp_config),
+        "float64": _float_abilities(info.double_fp_config) if device.has_fp64 else "no",
     }
     if is_open:
         try:
@@ -84,13 +84,13 @@ def device_facts(device: Device, *, is_open: bool = False) -> dict[str, str]:
 
 
 def _float_abilities(config: int) -> str:
-    """Denormals and fused multiply-add, which the results do not need but which explain them."""
+    """List support of denormals and fused multiply-add, which explain rounding."""
     names = {"denormals": cl.device_fp_config.DENORM, "fma": cl.device_fp_config.FMA}
     return ", ".join(name if config & bit else f"no {name}" for name, bit in names.items())
 
 
 def environment() -> dict[str, str]:
-    """Versions, processor and variables, by what they tell."""
+    """Return versions, processor and environment variables as text by name."""
     installed = []
     for name in PACKAGES:
         try:
@@ -109,18 +109,18 @@ def environment() -> dict[str, str]:
 
 
 def cpu_flags() -> str:
-    """Those of the processor that choose its built-in library, empty where no file tells them."""
+    """Return the processor flags that choose its built-in library, or an empty string."""
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
     except OSError:
         return ""
     lines = (line.partition(":") for line in text.splitlines())
-    there = next((v.split() for k, _, v in lines if k.strip().lower() in ("flags", "features")), [])
-    return " ".join(flag for flag in FLAGS if flag in there)
+    flags = next((v.split() for k, _, v in lines if k.strip().lower() in ("flags", "features")), [])
+    return " ".join(flag for flag in FLAGS if flag in flags)
 
 
 def paste_block(reports: Iterable[DeviceReport]) -> str:
-    """What to paste into a report: the environment, each device, and what failed on it."""
+    """Format the text to paste into a report: environment, devices and failed checks."""
     lines = ["---- paste from here into a report ----", *_aligned(environment())]
     for report in reports:
         counted = {"checks": summary(report.results, report.seconds)}

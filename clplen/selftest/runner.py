@@ -1,6 +1,6 @@
-"""Run all checks in order, in this process or in a child, which a faulty driver may end.
+"""Run all checks in order, in this process or in a child that survives driver crashes.
 
-A child reports in lines of JSON: ["facts", {...}], ["begin", name], ["result", {...}].
+A child reports lines of JSON: ["facts", {...}], ["begin", name], ["result", {...}].
 """
 
 from __future__ import annotations
@@ -38,24 +38,24 @@ CHECKS: tuple[Check, ...] = (
 def run_checks(
     device: Device, *, names: Iterable[str] | None = None, watch: Watch | None = None
 ) -> list[CheckResult]:
-    """Compare what a device computes with float64 NumPy, in this process."""
+    """Compare a device's results with float64 NumPy, in this process."""
     results = []
-    for check in chosen(names):
+    for check in selected_checks(names):
         results.append(run_check(check, device))
         if watch is not None:
             watch(results[-1])
     return results
 
 
-def chosen(names: Iterable[str] | None) -> list[Check]:
-    """The checks of these names, in order; None: all."""
+def selected_checks(names: Iterable[str] | None) -> list[Check]:
+    """Return the checks of these names, in order; all for None."""
     if names is None:
         return list(CHECKS)
-    wanted = set(names)
-    unknown = sorted(wanted - {check.name for check in CHECKS})
+    requested = set(names)
+    unknown = sorted(requested - {check.name for check in CHECKS})
     if unknown:
-        raise ValueError(f"There is no check {unknown[0]!r}.")
-    return [check for check in CHECKS if check.name in wanted]
+        raise ValueError(f"names must be names of checks, got {unknown[0]!r}.")
+    return [check for check in CHECKS if check.name in requested]
 
 
 OPENING = Check("opening", "the device opens and compiles a kernel", lambda device: (), 0.0)
@@ -65,11 +65,11 @@ Message = tuple[str, Any]
 def run_isolated(
     device: Device, *, names: Iterable[str] | None = None, watch: Watch | None = None
 ) -> DeviceReport:
-    """Run the checks in child processes, which a faulty driver may end.
+    """Run the checks in child processes, since a faulty driver may crash.
 
-    A check that ends its child is reported as failed, and another child goes on with the next one.
+    A check that crashes its child is reported as failed, and a new child continues with the next.
     """
-    left, start = [check.name for check in chosen(names)], perf_counter()
+    left, start = [check.name for check in selected_checks(names)], perf_counter()
     report = DeviceReport(device_facts(device))
 
     def add(result: CheckResult) -> None:
@@ -85,7 +85,7 @@ def run_isolated(
                     if kind == "facts":
                         report.facts |= value
                     elif kind == "begin":
-                        (current,) = chosen([value])
+                        (current,) = selected_checks([value])
                     else:
                         add(_read(value))
                         left = left[1:] if current is not OPENING else []
@@ -93,37 +93,37 @@ def run_isolated(
                 child.kill()
                 raise
             if left:
-                add(_failure(current, _last_words(child.wait(), errors)))
+                add(_failure(current, _exit_reason(child.wait(), errors)))
                 left = left[1:] if current is not OPENING else []
     report.seconds = perf_counter() - start
     return report
 
 
 def numbers_of(reports: Iterable[DeviceReport]) -> dict[str, Any]:
-    """Reports of devices and where they were made, ready for JSON."""
+    """Return reports of devices and their environment, ready for JSON."""
     devices = [
         {
             "facts": report.facts,
             "seconds": report.seconds,
-            "results": [_written(result) for result in report.results],
+            "results": [_json_ready(result) for result in report.results],
         }
         for report in reports
     ]
     return {"environment": environment(), "devices": devices}
 
 
-def _child(place: str, names: list[str], errors: IO[bytes]) -> subprocess.Popen[bytes]:
+def _child(selector: str, names: list[str], errors: IO[bytes]) -> subprocess.Popen[bytes]:
     paths = [os.environ.get("PYTHONPATH"), *(path or os.getcwd() for path in sys.path)]
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join(filter(None, paths)),
-        "PYTHONSAFEPATH": "1",  # no module of the folder in which it is started
+        "PYTHONSAFEPATH": "1",  # import nothing from the working directory
     }
-    command = [sys.executable, "-W", "ignore", "-m", "clplen.selftest", place, *names]
+    command = [sys.executable, "-W", "ignore", "-m", "clplen.selftest", selector, *names]
     return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=errors)
 
 
 def _messages(child: subprocess.Popen[bytes]) -> Iterator[Message]:
-    """What a child says, until it ends; other output of its drivers is passed over."""
+    """Yield the messages of a child until it ends; skip other output of its drivers."""
     assert child.stdout is not None
     with child.stdout:
         for line in child.stdout:
@@ -134,44 +134,44 @@ def _messages(child: subprocess.Popen[bytes]) -> Iterator[Message]:
             yield kind, value
 
 
-def _last_words(status: int, errors: IO[bytes]) -> str:
-    """Why a child ended, with the last line that it or its driver wrote."""
+def _exit_reason(status: int, errors: IO[bytes]) -> str:
+    """Describe how a child ended, with the last line of its error output."""
     errors.seek(0)
     lines = [line.strip() for line in errors.read().decode(errors="replace").splitlines()]
-    said = next((line for line in reversed(lines) if line), "")
-    how = f"the process ended with status {status}"
+    last_line = next((line for line in reversed(lines) if line), "")
+    text = f"the process ended with status {status}"
     if status < 0:
-        known = {int(one): one.name for one in signal.Signals}
-        how = f"the process was ended by {known.get(-status, f'signal {-status}')}"
-    return f"{how}: {said}" if said else how
+        names = {int(number): number.name for number in signal.Signals}
+        text = f"the process was ended by {names.get(-status, f'signal {-status}')}"
+    return f"{text}: {last_line}" if last_line else text
 
 
-# The child's part
+# Child process
 
 
-def serve(place: str, names: Iterable[str]) -> None:
-    """Check one device, and say whatever happens."""
+def serve(selector: str, names: Iterable[str]) -> None:
+    """Check one device and report every result."""
     from clplen.compute.device import Device
 
     try:
-        device = Device.open(place)
+        device = Device.open(selector)
     except ClplenError as error:
-        _say("result", _written(_failure(OPENING, sentence_of(error))))
+        _send("result", _json_ready(_failure(OPENING, sentence_of(error))))
         return
-    _say("facts", device_facts(device, is_open=True))
-    for check in chosen(names):
-        _say("begin", check.name)
-        _say("result", _written(run_check(check, device)))
+    _send("facts", device_facts(device, is_open=True))
+    for check in selected_checks(names):
+        _send("begin", check.name)
+        _send("result", _json_ready(run_check(check, device)))
 
 
 def _failure(check: Check, reason: str) -> CheckResult:
-    """Of a check that did not come to its end."""
+    """Return the result of a check that did not finish."""
     about = (check.name, check.compared, check.files, math.nan, check.tolerance)
     return CheckResult(*about, "FAILED", reason, 0.0)
 
 
-def _written(result: CheckResult) -> dict[str, Any]:
-    """A result as JSON has it, without NaN and infinity."""
+def _json_ready(result: CheckResult) -> dict[str, Any]:
+    """Return a result for JSON, without NaN and infinity."""
     return asdict(result) | {"error": result.error if math.isfinite(result.error) else None}
 
 
@@ -180,5 +180,5 @@ def _read(values: dict[str, Any]) -> CheckResult:
     return CheckResult(**values | {"error": error, "files": tuple(values["files"])})
 
 
-def _say(kind: str, value: Any) -> None:
+def _send(kind: str, value: Any) -> None:
     print(json.dumps([kind, value]), flush=True)

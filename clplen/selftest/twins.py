@@ -1,4 +1,4 @@
-"""What several float64 twins need: interpolation matrices, covered areas, random samples."""
+"""Shared parts of float64 references: interpolation matrices, covered areas, random samples."""
 
 from __future__ import annotations
 
@@ -10,36 +10,36 @@ from clplen.types import Array
 
 
 def reals(seed: int, *shape: int, low: float = 0.0, high: float = 1.0) -> Array:
-    """Random float32 samples between two values."""
+    """Return random float32 samples between two values."""
     return np.random.default_rng(seed).uniform(low, high, shape).astype(np.float32)
 
 
 def waves(seed: int, *shape: int) -> Array:
-    """Random complex samples (complex64) whose mean is not 0."""
+    """Return random complex64 samples with a nonzero mean."""
     rng = np.random.default_rng(seed)
     values = rng.normal(size=shape) + 1j * rng.normal(size=shape) + (0.3 - 0.1j)
     return values.astype(np.complex64)
 
 
 def triangle(t: Any) -> Array:
-    """Linear interpolation: max(1 - |t|, 0)."""
+    """Return linear interpolation weights max(1 - |t|, 0)."""
     return np.maximum(1 - np.abs(t), 0)
 
 
 def keys(t: Any) -> Array:
-    """Cubic convolution, a = -1/2 (Keys 1981, eq. 15)."""
+    """Return cubic convolution weights, a = -1/2 (Keys 1981, eq. 15)."""
     t = np.abs(t)
     near = (1.5 * t - 2.5) * t**2 + 1
     far = ((-0.5 * t + 2.5) * t - 4) * t + 2
     return np.where(t <= 1, near, np.where(t < 2, far, 0.0))
 
 
-def interpolation(places: Any, n: int, *, kernel: Any = triangle, clamp: bool = False) -> Array:
-    """Matrix (places, n) that interpolates n samples at real places.
+def interpolation(positions: Any, n: int, *, kernel: Any = triangle, clamp: bool = False) -> Array:
+    """Return the matrix (positions, n) that interpolates n samples at real positions.
 
-    Taps outside the samples count 0, or those of the edge with ``clamp``.
+    Taps outside the samples count as 0, or as the edge with ``clamp``.
     """
-    at = np.asarray(places, float)
+    at = np.asarray(positions, float)
     matrix = np.zeros((at.size, n))
     for step in (-1, 0, 1, 2):
         index = np.floor(at).astype(int) + step
@@ -54,13 +54,13 @@ def interpolation(places: Any, n: int, *, kernel: Any = triangle, clamp: bool = 
 
 
 def view_steps(views: tuple[int, int]) -> Array:
-    """Pixels (y, x) by which the sample of a point of disparity 1 is moved in each view."""
+    """Return the shift (y, x) in pixels of a point of disparity 1 in each view."""
     v, u = (np.arange(n) - (n - 1) / 2 for n in views)
     return -np.stack(np.meshgrid(v, u, indexing="ij"), axis=-1)
 
 
 def moved(view: Array, shift: Any, *, clamp: bool = False) -> tuple[Array, Array]:
-    """(values, share of the taps inside) of a view (y, x[, c]) at (y, x) + shift, linear."""
+    """Return (values, share of taps inside) of a view (y, x[, c]) at (y, x) + shift, linear."""
     ny, nx = view.shape[:2]
     down, right = np.arange(ny) + shift[0], np.arange(nx) + shift[1]
     my, mx = (interpolation(p, n, clamp=clamp) for p, n in ((down, ny), (right, nx)))
@@ -70,16 +70,18 @@ def moved(view: Array, shift: Any, *, clamp: bool = False) -> tuple[Array, Array
 
 
 def reflected(picture: Array, taps: Array, axis: int) -> Array:
-    """A picture filtered by symmetric taps (at distance 0, 1, ...), reflected at its edges."""
+    """Filter a picture by symmetric taps (at distance 0, 1, ...), reflected at its edges."""
     n, radius = picture.shape[axis], taps.size - 1
     index = np.arange(-radius, n + radius) % (2 * n)
     wide = np.take(picture, np.where(index < n, index, 2 * n - 1 - index), axis)
-    every = np.concatenate((taps[:0:-1], taps))
-    return np.asarray(sum(w * np.take(wide, np.arange(n) + k, axis) for k, w in enumerate(every)))
+    all_taps = np.concatenate((taps[:0:-1], taps))
+    return np.asarray(
+        sum(w * np.take(wide, np.arange(n) + k, axis) for k, w in enumerate(all_taps))
+    )
 
 
 def disc_share(y: Array, x: Array, radius: float, pitch: tuple[float, float]) -> Array:
-    """Covered share of the cell about each (y, x) by a disc about 0: exact chords in 400 strips."""
+    """Return the share of each cell covered by a disc about 0: exact chords in 400 strips."""
     strips = (np.arange(400) + 0.5) / 400 - 0.5
     at = np.asarray(y)[..., None] + strips * pitch[0]
     chord = np.sqrt(np.maximum(radius**2 - at**2, 0))
@@ -89,7 +91,7 @@ def disc_share(y: Array, x: Array, radius: float, pitch: tuple[float, float]) ->
 
 
 def bell_taps(part: float) -> Array:
-    """Taps at -1, 0, 1 and 2 for a place `part`: (1 - t^2/4)^4, corrected to that mean."""
+    """Return taps at -1, 0, 1, 2 for a fraction: (1 - t^2/4)^4, with corrected mean."""
     t = np.arange(-1.0, 3.0)
     w = np.maximum(1 - (t - part) ** 2 / 4, 0) ** 4
     w /= w.sum()

@@ -1,4 +1,4 @@
-"""Checks of light fields: their views, refocused, moved, warped."""
+"""Checks of light fields: views, refocusing, shifts, warps."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from clplen.lightfield.refocusing.view_warp import ViewWarp
 from clplen.selftest import twins
 from clplen.selftest.check import Check, Pairs
 
-ROUNDING = 1e-5  # sums over the views, each term with the rounding of its place and weights
+ROUNDING = 1e-5  # sums over views, each term with rounded position and weights
 
 
 def _views(seed: int, *shape: int, kind: type = np.float32) -> twins.Array:
@@ -29,7 +29,7 @@ def _views(seed: int, *shape: int, kind: type = np.float32) -> twins.Array:
 
 
 def _weights(views: tuple[int, int]) -> twins.Array:
-    """Unlike; one view has none."""
+    """Return unequal weights of the views, one of them 0."""
     w = twins.reals(7, *views, low=0.2, high=1.7)
     w[0, 1] = 0
     return w
@@ -49,18 +49,18 @@ def _samples(device: Device) -> Pairs:
 
 
 def _refocus(device: Device) -> Pairs:
-    """Shift and add: taps outside a view count neither in the sum nor in its weights."""
+    """Check shift and add, where taps outside a view count in neither sum nor weight."""
     a, w = _views(2, 3, 4, 9, 43, 3, kind=np.float16), _weights((3, 4))
     planes, steps = np.array([-1.37, 1.0, 0.4]), twins.view_steps((3, 4)) * (1.3, 1)
     down, right = np.outer(planes, steps[:, 0, 0]), np.outer(planes, steps[0, :, 1])
-    got = shear_sum(device.upload(a), w, down, right, device=device)
+    computed = shear_sum(device.upload(a), w, down, right, device=device)
     expected = np.zeros((3, *a.shape[2:]))
     for p, d in enumerate(planes):
         parts = [twins.moved(a[n], d * steps[n]) for n in np.ndindex(3, 4)]
         total = np.tensordot(w.ravel(), [value for value, _ in parts], 1)
         used = np.tensordot(w.ravel(), [share for _, share in parts], 1)
         expected[p] = total / used[..., None]
-    yield expected, device.download(got)
+    yield expected, device.download(computed)
 
 
 def _along_rays(device: Device) -> Pairs:
@@ -71,17 +71,17 @@ def _along_rays(device: Device) -> Pairs:
     d = (0.9 * np.sin(0.7 * y) + 0.03 * x - 0.4).astype(np.float32)
     total, used = np.zeros((2, 7, 37))
     for n in np.ndindex(3, 3):
-        at_y, at_x = (places + steps[n][k] * d for k, places in enumerate((y, x)))
+        at_y, at_x = (positions + steps[n][k] * d for k, positions in enumerate((y, x)))
         for i, j in np.ndindex(7, 37):
             share = twins.triangle(at_y - i) * twins.triangle(at_x - j)
             total += share * a[n][i, j]
             used += share
-    got = along_rays(device.upload(a), "mean", disparity=d, **options)
-    yield total / used, device.download(got)
-    inner = (slice(2, -2), slice(2, -2))  # where all views see the place
-    found = [twins.moved(a[n], 0.65 * steps[n])[0][inner] for n in np.ndindex(3, 3)]
-    got = along_rays(device.upload(a), "median", disparity=0.65, **options)
-    yield np.median(found, axis=0), device.download(got)[inner]
+    computed = along_rays(device.upload(a), "mean", disparity=d, **options)
+    yield total / used, device.download(computed)
+    inner = (slice(2, -2), slice(2, -2))  # inside every view
+    samples = [twins.moved(a[n], 0.65 * steps[n])[0][inner] for n in np.ndindex(3, 3)]
+    computed = along_rays(device.upload(a), "median", disparity=0.65, **options)
+    yield np.median(samples, axis=0), device.download(computed)[inner]
 
 
 def _ramp(fy: twins.Array, fx: twins.Array, shift: twins.Array) -> twins.Array:
@@ -89,7 +89,7 @@ def _ramp(fy: twins.Array, fx: twins.Array, shift: twins.Array) -> twins.Array:
 
 
 def _fourier(device: Device) -> Pairs:
-    """Views moved by phase ramps; the slice of the 4-D spectrum is the same to 1e-5."""
+    """Check phase ramps, and slices of the 4-D spectrum, which agree to 1e-5."""
     a, w = _views(4, 3, 4, 7, 10), _weights((3, 4))
     lf = LightField.from_array(a, device=device, weights=w)
     planes, steps = np.array([0.0, -0.65, 1.9]), twins.view_steps((3, 4))
@@ -115,14 +115,14 @@ def _all_in_focus(device: Device) -> Pairs:
     yield expected, all_in_focus(planes, depth=d).to_numpy()
     energy = twins.reals(12, 4, 7, 11, low=0.2)
     energy[:, 2, 3:5] = 0
-    most = energy.max(axis=0)
-    share = np.where(most > 0, (energy / np.where(most > 0, most, 1).astype(float)) ** 8, 1)
-    got = _launch("blend", planes, planes.data, device.upload(energy), np.int32(3))
-    yield (share * a).sum(axis=0) / share.sum(axis=0), device.download(got)
+    peak = energy.max(axis=0)
+    share = np.where(peak > 0, (energy / np.where(peak > 0, peak, 1).astype(float)) ** 8, 1)
+    computed = _launch("blend", planes, planes.data, device.upload(energy), np.int32(3))
+    yield (share * a).sum(axis=0) / share.sum(axis=0), device.download(computed)
 
 
 def _warped(device: Device) -> Pairs:
-    """Views of a picture by its disparity, and the gradients, by a matrix for each view."""
+    """Check views warped by a disparity, and their gradients, by a matrix for each view."""
     shape, (ny, nx) = (2, 3, 7, 11), (7, 11)
     picture, g = twins.reals(3, ny, nx), twins.reals(4, *shape)
     d = twins.reals(5, ny, nx, low=-2.3, high=1.9)
@@ -138,14 +138,14 @@ def _warped(device: Device) -> Pairs:
         for k, size in enumerate((ny, nx)):
             slope = [my, mx]
             inside = (at[k] > 0) & (at[k] < size - 1)
-            whole = np.clip(np.floor(at[k]).astype(int), 0, size - 2)
-            slope[k] = inside[:, None] * (np.eye(size)[whole + 1] - np.eye(size)[whole])
+            lower = np.clip(np.floor(at[k]).astype(int), 0, size - 2)
+            slope[k] = inside[:, None] * (np.eye(size)[lower + 1] - np.eye(size)[lower])
             change = np.einsum("pi,ij,pj->p", slope[0], picture.astype(float), slope[1])
             of_disparity += g[n] * model.steps[n][k] * change.reshape(ny, nx)
     yield views, model.forward(picture, d).to_numpy()
-    found = model.vjp(picture, d, g)
-    yield of_picture.reshape(ny, nx), found[0]
-    yield of_disparity, found[1]
+    gradients = model.vjp(picture, d, g)
+    yield of_picture.reshape(ny, nx), gradients[0]
+    yield of_disparity, gradients[1]
 
 
 CHECKS = (

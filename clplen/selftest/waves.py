@@ -21,14 +21,14 @@ GRID = Grid((13, 37), (6e-6, 5e-6), origin=(2e-6, -3e-6))
 
 
 def _field(device: Device, grid: Grid = GRID, count: int = 2) -> tuple[twins.Array, Field]:
-    """Random fields: on the host in double, and on the device."""
+    """Return random fields, on the host in double and on the device."""
     u = twins.waves(1, count, *grid.shape)
     field = Field.from_array(u, grid, wavelength=LAM, device=device)
     return u.astype(np.complex128), field
 
 
 def _multiply(device: Device) -> Pairs:
-    """A field times a transmission, and padded: sample N//2 stays on N//2, 3 on 5 and 6 on 4."""
+    """Check a transmission and padding: sample N//2 stays on N//2, 3 on 5 and 6 on 4."""
     u, t = twins.waves(2, 2, 7, 12), twins.waves(3, 7, 12)
     field = Field.from_array(u, Grid((7, 12), 5e-6), wavelength=LAM, device=device)
     yield u * t.astype(np.complex128), multiply(field, device.upload(t)).to_numpy()
@@ -53,7 +53,7 @@ def _intensity(device: Device) -> Pairs:
 
 
 def _transfer(device: Device) -> Pairs:
-    """exp(ikz(sqrt(1 - s) - 1)) over 2 m, its phase in two floats."""
+    """Check exp(ikz(sqrt(1 - s) - 1)) over 2 m, with its phase in two floats."""
     fy, fx = (np.linspace(0, 0.3 / LAM / np.sqrt(2), n) for n in (9, 37))
     wy, wx = 1 - 0.02 * np.arange(9.0), 1 - 0.01 * np.arange(37.0)
     factor = Transfer((17, 73), (fy, fx), (wy, wx), 2.0, LAM)
@@ -82,8 +82,8 @@ def _impulse_response(device: Device) -> Pairs:
     k = 2 * np.pi / LAM
     h = abs(z) / (2 * np.pi * r**2) * (1 / r - 1j * k) * np.exp(1j * k * (r - abs(z)))
     for phase in ("tables", "fp64") if device.has_fp64 else ("tables",):
-        got = device.download(impulse_response(shape, pitch, z, LAM, device, phase))
-        yield np.conj(h) * pitch[0] * pitch[1], got
+        computed = device.download(impulse_response(shape, pitch, z, LAM, device, phase))
+        yield np.conj(h) * pitch[0] * pitch[1], computed
 
 
 def _finite(device: Device) -> Pairs:
@@ -104,7 +104,7 @@ def _propagation(device: Device) -> Pairs:
     yield np.fft.ifft2(np.fft.fft2(u, wide) * H)[..., :ny, :nx], plan(field).to_numpy()
 
 
-# float32 rounds a sum, a product and a table once each, a phase in turns by 4e-7 rad a turn.
+# float32 rounds sums, products and tables once each, a phase in turns by 4e-7 rad per turn.
 CHECKS = (
     Check("finite", "count of NaN and infinite samples", _finite, 0.0, ("finite.cl",)),
     Check("multiply", "fields times a transmission, and padded", _multiply, 8 * EPS,

@@ -1,4 +1,4 @@
-"""Operators of clplen in programs of PyTorch, with gradients; imported when it is asked for."""
+"""Operators of clplen with gradients for PyTorch."""
 
 from importlib.util import find_spec
 

@@ -1,4 +1,4 @@
-"""Free-space propagation of fields that are tensors."""
+"""Free-space propagation of tensors."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def propagate(
     out_grid: Grid | None = None,
     device: DeviceLike | None = None,
 ) -> torch.Tensor:
-    """Propagate a field through free space, with gradients by the field and by the distance.
+    """Propagate a field through free space, with gradients of the field and of the distance.
 
     Parameters
     ----------
@@ -30,34 +30,34 @@ def propagate(
         Complex amplitudes in host memory, complex64 (complex128 on a device of double precision),
         shape (..., ny, nx).
     z : float or torch.Tensor
-        Distance in metres; a tensor with ``requires_grad`` gets a gradient, which costs one more
+        Distance in metres; a tensor with ``requires_grad`` gets a gradient, at the cost of one more
         propagation: see `Propagator.distance_slope`.
     grid : Grid
-        Of the field.
+        Grid of the field.
     wavelength : float
-        In metres.
+        Wavelength in metres.
     method : str
-        As in `clplen.propagate`.
+        Propagation method, see `clplen.propagate`.
     pad : float
-        As in `clplen.propagate`.
+        Padding factor, see `clplen.propagate`.
     out_grid : Grid, optional
-        Of the result, as in `clplen.propagate`.
+        Grid of the result, see `clplen.propagate`.
     device : Device or str, optional
-        Default ``Device.open()``.
+        OpenCL device; default ``Device.open()``.
 
     Returns
     -------
     torch.Tensor
-        Shape (..., my, mx), without the carrier exp(ikz).
+        Field of shape (..., my, mx), without the carrier exp(ikz).
 
     Raises
     ------
     TypeError
-        If ``x`` is no such tensor.
+        If ``x`` is not such a tensor.
     ShapeError
-        If its last axes are not those of the grid.
+        If the last axes differ from the grid.
     ValueError, SamplingError
-        As `clplen.propagate`.
+        If `clplen.propagate` raises it.
 
     Examples
     --------

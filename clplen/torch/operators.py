@@ -1,4 +1,4 @@
-"""Linear maps of clplen as functions of tensors, with gradients by their adjoints."""
+"""Linear maps of clplen as functions of tensors, with gradients by adjoints."""
 
 from __future__ import annotations
 
@@ -14,39 +14,38 @@ from clplen.torch.tensors import complex_as, host_values, require_tensor, tensor
 def apply(
     operator: LinearMap, x: torch.Tensor, *, adjoint: bool = False, check_finite: bool = True
 ) -> torch.Tensor:
-    """Apply a linear map to a tensor; gradients go back through its adjoint.
+    """Apply a linear map to a tensor; gradients pass through its adjoint.
 
-    On a CPU device the tensor's own memory is read, and the result is the memory that the device
-    wrote: nothing is copied. On a GPU there is one copy each way.
+    A CPU device reads the tensor's own memory, and the result is the device's memory, without
+    copies. A GPU needs one copy each way.
 
     Parameters
     ----------
     operator : LinearMap
-        A map A with its adjoint A', such as a `clplen.Projector`.
+        Linear map A with its adjoint A', such as a `clplen.Projector`.
     x : torch.Tensor
-        In host memory, of the operator's dtype, shape ``(..., *in_shape)``: each index of the
-        leading axes is mapped by itself. A real tensor is taken by a complex operator too. It is
-        copied where it is not contiguous.
+        Tensor in host memory, of the operator's dtype, shape ``(..., *in_shape)``; leading axes are
+        a batch. A complex operator accepts real tensors. A tensor that is not contiguous is copied.
     adjoint : bool
-        Whether A' is applied in place of A, to shape ``(..., *out_shape)``.
+        True to apply A' instead of A, to shape ``(..., *out_shape)``.
     check_finite : bool
-        Whether NaN and infinity are refused, of ``x``, of the result and of gradients, with the
-        name of the operator where they arise.
+        True to raise for NaN and infinity in ``x``, in the result and in gradients, with the name
+        of the operator.
 
     Returns
     -------
     torch.Tensor
-        A x, or A' x. It can be differentiated any number of times, forward (`torch.func.jvp`) and
-        backward, and `torch.func.vmap` maps it as one batch.
+        Result A x or A' x, differentiable any number of times, forward (`torch.func.jvp`) and
+        backward; `torch.func.vmap` maps it as one batch.
 
     Raises
     ------
     TypeError
-        If the operator is no linear map, or ``x`` no such tensor.
+        If the operator is not a linear map, or ``x`` not such a tensor.
     ShapeError
-        If its last axes are not those of the operator.
+        If the last axes differ from the operator's shape.
     ValueError
-        If values are not finite; during ``backward`` those of gradients.
+        If values are not finite; for gradients during ``backward``.
 
     Examples
     --------
@@ -72,7 +71,7 @@ def apply(
 
 
 class _Linear(torch.autograd.Function):
-    """A x or A' x; whether x is a gradient is known for messages."""
+    """Autograd function A x or A' x; ``of_gradient`` selects the messages."""
 
     @staticmethod
     def forward(
@@ -103,5 +102,5 @@ class _Linear(torch.autograd.Function):
 
     @staticmethod
     def vmap(info: Any, in_dims: tuple[Any, ...], *inputs: Any) -> tuple[torch.Tensor, int]:
-        *about, x = inputs
-        return _Linear.apply(*about, x.movedim(in_dims[-1], 0)), 0
+        *settings, x = inputs
+        return _Linear.apply(*settings, x.movedim(in_dims[-1], 0)), 0

@@ -1,4 +1,4 @@
-"""Steps with a pullback of their own, linear or not, as functions of tensors with gradients."""
+"""Differentiable steps with their own pullback, linear or not, as functions of tensors."""
 
 from __future__ import annotations
 
@@ -21,44 +21,44 @@ def apply_step(
     name: str | None = None,
     check_finite: bool = True,
 ) -> torch.Tensor:
-    """Apply a step that brings its own gradients, between tensors.
+    """Apply a step with its own gradients to tensors.
 
     Parameters
     ----------
     forward : callable
-        ``forward(*arrays, *parameters)`` returns ``(output, pullback)``; ``pullback(g)`` takes the
-        gradient of a real loss L with respect to the output y, dL/dRe y + i dL/dIm y, and returns
-        a sequence with that of each input, None where there is none. Arrays, the output, g and
-        gradients of arrays are arrays of the device (`pyopencl.array.Array`), C-contiguous, which
-        are not changed; parameters are NumPy arrays of float64, their gradients arrays or numbers.
-        A pullback may be called several times.
+        Function ``forward(*arrays, *parameters)`` that returns ``(output, pullback)``.
+        ``pullback(g)`` takes the gradient of a real loss L for the output y, dL/dRe y + i dL/dIm y,
+        and returns a sequence with the gradient of each input, or None. Arrays, output, g and
+        gradients of arrays are C-contiguous device arrays (`pyopencl.array.Array`) and must not be
+        changed. Parameters are NumPy float64 arrays, their gradients arrays or numbers. A pullback
+        may be called several times.
     *arrays : torch.Tensor
-        In host memory, real or complex of the device's precision. A CPU device reads their own
-        memory and a GPU copies of them; what is not contiguous is copied.
+        Tensors in host memory, real or complex, of the device's precision. A CPU device reads
+        their own memory and a GPU copies them; a tensor that is not contiguous is copied.
     parameters : sequence of torch.Tensor
-        Real ones that are needed on the host, such as distances or coefficients: float32 or
-        float64 of any shape.
+        Real values for the host, such as distances or coefficients: float32 or float64 of any
+        shape.
     device : Device or str, optional
-        Default ``Device.open()``.
+        OpenCL device; default ``Device.open()``.
     name : str, optional
-        Of the step in messages; default that of ``forward``.
+        Name of the step in messages; default the name of ``forward``.
     check_finite : bool
-        Whether NaN and infinity are refused, of arrays, of the output and of gradients, with the
-        name of the step where they arise.
+        True to raise for NaN and infinity in arrays, output and gradients, with the name of the
+        step.
 
     Returns
     -------
     torch.Tensor
-        The output, which can be differentiated once.
+        Output, differentiable once.
 
     Raises
     ------
     TypeError
-        If an input is no such tensor.
+        If an input is not such a tensor.
     ShapeError
-        If a gradient has another shape than its input (during ``backward``).
+        If a gradient differs in shape from its input (during ``backward``).
     ValueError
-        If values are not finite; during ``backward`` if a gradient is needed that there is not.
+        If values are not finite, or a required gradient is missing (during ``backward``).
 
     Examples
     --------
@@ -88,40 +88,40 @@ def apply_step(
 
 
 class _Step(torch.autograd.Function):
-    """The output of a step; its pullback is kept where an input needs a gradient."""
+    """Autograd function of a step; it stores the pullback if an input needs a gradient."""
 
     @staticmethod
     def forward(ctx: Any, step: Step, *inputs: torch.Tensor) -> torch.Tensor:
         out, pullback = step.run([host_values(x) for x in inputs])
         if any(ctx.needs_input_grad):
-            ctx.save_for_backward(*inputs)  # PyTorch refuses backward where they were changed
+            ctx.save_for_backward(*inputs)  # PyTorch raises in backward if they were changed
             ctx.step, ctx.pullback = step, pullback
         return tensor_of(out)
 
     @staticmethod
     def backward(ctx: Any, g: torch.Tensor) -> tuple[Any, ...]:
         inputs, name = ctx.saved_tensors, ctx.step.name
-        found = ctx.pullback(host_values(g))
-        needed = ctx.needs_input_grad[1:]
-        for number, (grad, wanted) in enumerate(zip(found, needed, strict=True)):
-            if wanted and grad is None:
+        gradients = ctx.pullback(host_values(g))
+        required = ctx.needs_input_grad[1:]
+        for number, (grad, is_required) in enumerate(zip(gradients, required, strict=True)):
+            if is_required and grad is None:
                 raise ValueError(
                     f"{name} has no gradient of its input {number + 1}, of shape "
-                    f"{tuple(inputs[number].shape)}: give it as tensor.detach()."
+                    f"{tuple(inputs[number].shape)}: pass tensor.detach()."
                 )
         grads = [
-            tensor_of(np.ascontiguousarray(grad)) if wanted else None
-            for grad, wanted in zip(found, needed, strict=True)
+            tensor_of(np.ascontiguousarray(grad)) if is_required else None
+            for grad, is_required in zip(gradients, required, strict=True)
         ]
-        if torch.is_grad_enabled():  # create_graph: what is differentiated again is refused then
-            known = [grad for grad in grads if grad is not None]
-            last = iter(_Last.apply(name, len(known), *known, g, *inputs))
-            grads = [None if grad is None else next(last) for grad in grads]
+        if torch.is_grad_enabled():  # create_graph: a second derivative raises
+            final = [grad for grad in grads if grad is not None]
+            outputs = iter(_FinalGradients.apply(name, len(final), *final, g, *inputs))
+            grads = [None if grad is None else next(outputs) for grad in grads]
         return None, *grads
 
 
-class _Last(torch.autograd.Function):
-    """Gradients as they are, of which there are no further ones."""
+class _FinalGradients(torch.autograd.Function):
+    """Identity of gradients that cannot be differentiated further."""
 
     @staticmethod
     def forward(ctx: Any, name: str, count: int, *tensors: torch.Tensor) -> tuple[Any, ...]:
@@ -131,6 +131,6 @@ class _Last(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, *grads: torch.Tensor) -> tuple[Any, ...]:
         raise RuntimeError(
-            f"{ctx.name} can be differentiated once, but a second derivative was asked for: take "
-            "gradients without create_graph=True, or detach them."
+            f"{ctx.name} can be differentiated once, got a second derivative: take gradients "
+            "without create_graph=True, or detach them."
         )

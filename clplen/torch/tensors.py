@@ -1,4 +1,4 @@
-"""Tensors of PyTorch as arrays of the host and back, without a copy; what is no such tensor."""
+"""Conversion between PyTorch tensors and host arrays without copies, and validation of tensors."""
 
 from __future__ import annotations
 
@@ -18,53 +18,51 @@ _TYPES = {
 }
 
 
-def require_tensor(x: Any, dtypes: Iterable[np.dtype[Any]], what: str) -> None:
-    """Refuse what is no dense tensor of one of some types in host memory."""
+def require_tensor(x: Any, dtypes: Iterable[np.dtype[Any]], label: str) -> None:
+    """Raise TypeError unless x is a dense tensor of given dtypes in host memory."""
     if not isinstance(x, torch.Tensor):
         raise TypeError(
-            f"{what} takes tensors, not of type {type(x).__name__}: make one with "
-            "torch.as_tensor(x)."
+            f"{label} takes tensors, got {type(x).__name__}: convert it by torch.as_tensor(x)."
         )
     if x.device.type != "cpu":
         raise TypeError(
-            f"{what} takes tensors in host memory, from where OpenCL devices get them, not on "
-            f"{x.device}: give x.cpu(), through which gradients go back."
+            f"{label} takes tensors in host memory, got a tensor on {x.device}: pass x.cpu(), "
+            "which keeps gradients."
         )
     if x.layout != torch.strided:
-        raise TypeError(f"{what} takes dense tensors, not {x.layout}: give x.to_dense().")
-    taken = [_TYPES[np.dtype(dtype)] for dtype in dtypes]
-    if x.dtype not in taken:
-        names = " or ".join(str(dtype).removeprefix("torch.") for dtype in taken)
+        raise TypeError(f"{label} takes dense tensors, got {x.layout}: pass x.to_dense().")
+    accepted = [_TYPES[np.dtype(dtype)] for dtype in dtypes]
+    if x.dtype not in accepted:
+        names = " or ".join(str(dtype).removeprefix("torch.") for dtype in accepted)
         raise TypeError(
-            f"{what} takes tensors of {names}, not {str(x.dtype).removeprefix('torch.')}: give "
-            f"x.to({taken[0]})."
+            f"{label} takes tensors of {names}, got {str(x.dtype).removeprefix('torch.')}: pass "
+            f"x.to({accepted[0]})."
         )
 
 
-def constant(value: Any, what: str) -> Any:
-    """A value that has no gradient, of tensors as NumPy has it."""
+def constant(value: Any, label: str) -> Any:
+    """Return a value without gradient, converted from a tensor to NumPy."""
     if not isinstance(value, torch.Tensor):
         return value
     if value.requires_grad:
         raise TypeError(
-            f"{what} has no gradient here, but was given as a tensor with requires_grad: give "
-            "tensor.detach()."
+            f"{label} has no gradient here, got a tensor with requires_grad: pass tensor.detach()."
         )
     return host_values(value).item() if value.ndim == 0 else host_values(value)
 
 
 def complex_as(x: torch.Tensor, dtype: np.dtype[Any]) -> torch.Tensor:
-    """A real tensor as a complex one of the same precision, if a complex type is wanted."""
-    wanted = _TYPES[np.dtype(dtype)]
-    is_real_part = wanted.is_complex and x.dtype == wanted.to_real()
-    return x.to(wanted) if is_real_part else x
+    """Convert a real tensor to complex of equal precision if the dtype is complex."""
+    tensor_type = _TYPES[np.dtype(dtype)]
+    is_real_part = tensor_type.is_complex and x.dtype == tensor_type.to_real()
+    return x.to(tensor_type) if is_real_part else x
 
 
 def host_values(x: torch.Tensor) -> Array:
-    """A tensor as an array: its own memory where it is contiguous, a copy else."""
+    """Return a tensor as an array, in its own memory if contiguous, else as a copy."""
     return np.asarray(x.detach().resolve_conj().resolve_neg().contiguous().numpy())
 
 
 def tensor_of(values: Array) -> torch.Tensor:
-    """An array as a tensor of the same memory, which the tensor keeps alive."""
+    """Return an array as a tensor that shares its memory."""
     return torch.from_numpy(values)

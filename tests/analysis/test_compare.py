@@ -105,7 +105,7 @@ def box_of_airy(u: np.ndarray) -> np.ndarray:
 
 def test_psf_of_a_standard_camera_is_the_light_that_falls_on_a_lenslet(device: Device) -> None:
     camera, places = standard(device), 5
-    psf = camera_psf(camera, places=places)
+    psf = camera_psf(camera, positions=places)
     assert psf.values.shape == (13 * places, 15 * places)
     assert psf.pitch == pytest.approx((PITCH / places, PITCH / places))
     assert psf.centroid() == pytest.approx((0, 0), abs=1e-7)
@@ -128,11 +128,11 @@ def test_mirrored_places_stand_for_each_other(
     made: list[int] = []
     for count, few in (((9, 9), 3), ((9, 11), 4)):
         camera = standard(device, count=count)
-        quick = camera_psf(camera, places=3, done=made.append)
+        quick = camera_psf(camera, positions=3, done=made.append)
         assert (sum(made), psf_exposures(camera, 3)) == (few, few)
         with monkeypatch.context() as patch:
             patch.setattr(of_camera, "is_symmetric", lambda _: False)
-            whole = camera_psf(camera, places=3)
+            whole = camera_psf(camera, positions=3)
             assert psf_exposures(camera, 3) == 9
         np.testing.assert_allclose(quick.values, whole.values, atol=2e-5 * whole.peak)
         made.clear()
@@ -165,12 +165,12 @@ def test_depth_scan(device: Device) -> None:
         "device": device,
     }
     dz = np.array([-9e-3, -1e-3, 9e-3])
-    transfer, depth = depth_scan(PlenopticCamera.type1(**shared), dz, places=3)
+    transfer, depth = depth_scan(PlenopticCamera.type1(**shared), dz, positions=3)
     # 1.5 times the error of alpha that `estimate_alpha` says, .1 p/D; p/D in focus
     alpha = np.array([0.15, 1.0, 0.15]) * PITCH / 2.5e-3
     assert (np.abs(depth.errors.T) < alpha * (0.06 + dz) ** 2 / 0.06).all()
     assert (transfer.mtf50 > (3e3, 3.5e3, 2e3)).all()
-    transfer, depth = depth_scan(PlenopticCamera.type2(m=0.2, **shared), dz, places=1)
+    transfer, depth = depth_scan(PlenopticCamera.type2(m=0.2, **shared), dz, positions=1)
     assert np.isnan(depth.rms[0])
     assert "too few views: at m = 0.7 a point is seen by 1.4 lenslets a row" in depth.notes[0]
     assert (np.abs(depth.errors[1:, 0]) < 0.4e-3).all()  # 2 % of m at 9 mm
@@ -268,9 +268,9 @@ def test_compare_measures_what_is_asked_for(device: Device, tmp_path: Path) -> N
         place = (x - picture.values.shape[1] // 2) * picture.pitch[1] + picture.origin[1]
         assert place == pytest.approx(-0.2e-3 / 3, abs=picture.pitch[1])  # inverted
     assert set(tables(found)) == {"summary", "sampling"}
-    with pytest.raises(ValueError, match="was not measured: ask for 'psf'"):
+    with pytest.raises(ValueError, match="was not measured: add 'psf'"):
         found["one"].mtf()
-    with pytest.raises(KeyError, match="there are one, two"):
+    with pytest.raises(KeyError, match="choose among one, two"):
         found["three"]
 
 
@@ -292,16 +292,16 @@ def test_bad_comparisons_are_told(device: Device) -> None:
     camera, far = standard(device, count=9), PointSources([(0.1, 0.0, 0.0)])
     two, scenes = {"one": camera, "two": camera}, {"one": NEAR, "two": far}
     for call, error, words in (
-        (lambda: compare({"a": 3}), TypeError, r"a: a camera is .* not int"),
-        (lambda: compare([3]), TypeError, r"given as .* not as list"),
+        (lambda: compare({"a": 3}), TypeError, r"a: the camera must be .* got int"),
+        (lambda: compare([3]), TypeError, r"must be .* got list"),
         (lambda: compare({}), ValueError, "at least one camera"),
-        (lambda: compare({"one": camera}, only=["mft"]), ValueError, r"'mft' .* mean 'mtf'"),
+        (lambda: compare({"one": camera}, only=["mft"]), ValueError, r"'mft'.* mean 'mtf'"),
         (lambda: check_analyses([]), ValueError, "Name at least one analysis"),
         (lambda: compare({"one": camera}, only=["pictures"]), ValueError, "every camera; 'one'"),
-        (lambda: depth_scan(camera, [0.0, math.nan]), ValueError, "finite numbers of metres"),
+        (lambda: depth_scan(camera, [0.0, math.nan]), ValueError, "finite numbers"),
         (lambda: depth_scan(camera, [0.0, -0.07]), ValueError, r"of the lens, got -0\.07 m"),
         (lambda: compare(two, only=["pictures"], scenes=scenes), SamplingError, "two: The point"),
-        (lambda: camera_psf(camera, places=4), ValueError, "odd number"),
+        (lambda: camera_psf(camera, positions=4), ValueError, "must be odd"),
     ):
         with pytest.raises(error, match=words):
             call()
@@ -339,7 +339,7 @@ def test_verdicts_follow_from_the_numbers(device: Device, tmp_path: Path) -> Non
     assert "aberrations" not in said["usable MTF50"]
     thrice = (known[0], known[1], replace(known[1], name="same"))
     by_name = {c.name: judge(c, thrice) for c in criteria(found)}
-    assert "`narrow`, `same` win alike:" in by_name["crosstalk"]
+    assert "`narrow`, `same` are equally good:" in by_name["crosstalk"]
     assert (
         "`narrow`, `same`: the tails of a lenslet's diffraction, 3.4 % at" in by_name["crosstalk"]
     )

@@ -105,9 +105,9 @@ def test_bad_pictures_are_told() -> None:
     for picture, error, words in (
         (edge(0.5), ValueError, r"1\.5 to 14\.0 degrees"),
         (edge(-17), ValueError, r"1\.5 to 14\.0 degrees"),
-        (edge(math.degrees(math.atan(0.2))), ValueError, "fraction of few parts"),
-        (edge(2.9, (19, 80)), ShapeError, "at least 20 lines are needed"),
-        (edge(5)[:, 30:], ShapeError, "on both of its sides"),
+        (edge(math.degrees(math.atan(0.2))), ValueError, "nearly a simple fraction"),
+        (edge(2.9, (19, 80)), ShapeError, "at least 20 lines"),
+        (edge(5)[:, 30:], ShapeError, "on both sides"),
         (np.full((97, 80), 0.7), ValueError, "no edge"),
         (broken, ValueError, "cross every line"),
         (edge(5)[:17], ShapeError, "at least 18 samples"),

@@ -88,9 +88,9 @@ def test_closed_forms_at_known_places() -> None:
     expected = [1, 0.685038, 0.391002, 0, 0]
     np.testing.assert_allclose(circular_mtf(f, **APERTURE), expected, atol=1e-6)
     for name in APERTURE:
-        with pytest.raises(ValueError, match=f"{name} is positive"):
+        with pytest.raises(ValueError, match=f"{name} must be positive"):
             square_mtf(f, **(APERTURE | {name: 0.0}))
-    with pytest.raises(ValueError, match="width is positive"):
+    with pytest.raises(ValueError, match="width must be positive"):
         pixel_mtf(f, width=-1e-6)
     assert pixel_mtf(0.25e6, width=4e-6) == pytest.approx(0)
     assert pixel_mtf(0.125e6, width=4e-6) == pytest.approx(2 / math.pi)
@@ -117,13 +117,13 @@ def test_the_cutoff_is_where_the_curve_stays_below() -> None:
 
 def test_bad_curves_and_questions_are_told() -> None:
     for call, error, words in (
-        (lambda: Curve(np.arange(3.0), np.ones(4)), ShapeError, "as many frequencies"),
+        (lambda: Curve(np.arange(3.0), np.ones(4)), ShapeError, "equal lengths"),
         (lambda: Curve(np.array([0.0, 2.0, 1.0]), np.ones(3)), ValueError, "ascend"),
         (lambda: LOBES.at(1.0), ValueError, "between 0 and 1"),
-        (lambda: LOBES.floor(8000), ValueError, "curve ends at 8000"),
+        (lambda: LOBES.floor(8000), ValueError, "below 8000"),
         (lambda: LOBES.cutoff(level=0, noise=0), ValueError, "level and noise"),
-        (lambda: OTF.of(square_psf(GRIDS[0]), pad=0.5), ValueError, "pad is at least 1"),
-        (lambda: OTF.of(PSF(np.ones((4, 5)), 1e-6)).mtf(-1), ValueError, "axis is 0"),
+        (lambda: OTF.of(square_psf(GRIDS[0]), pad=0.5), ValueError, "pad must be at least 1"),
+        (lambda: OTF.of(PSF(np.ones((4, 5)), 1e-6)).mtf(-1), ValueError, "axis must be 0"),
     ):
         with pytest.raises(error, match=words):
             call()

@@ -234,20 +234,20 @@ def test_bad_input_is_told() -> None:
     good, nan = np.ones((8, 8)), np.where(np.eye(8) * np.arange(8) == 5, np.nan, 1)
     psf = gaussian(WINDOWS[0], (1.9 * UNIT, 1.1 * UNIT))
     for call, error, words in (
-        (lambda: PSF(np.ones((3, 9)), 1e-6), ShapeError, r"at least 4 samples .* not \(3, 9\)"),
+        (lambda: PSF(np.ones((3, 9)), 1e-6), ShapeError, r"at least 4 samples .* got \(3, 9\)"),
         (lambda: PSF(np.ones((8, 8, 3)), 1e-6), ShapeError, "shape"),
         (lambda: PSF(nan, 1e-6), ValueError, "1 samples that are NaN"),
-        (lambda: PSF(-good, 1e-6), ValueError, "positive sum"),
+        (lambda: PSF(-good, 1e-6), ValueError, "must be positive"),
         (lambda: PSF(good * 1j, 1e-6), ValueError, r"abs\(amplitude\)"),
         (lambda: PSF(good, (1e-6, 0.0)), ValueError, "pitch must be positive"),
-        (lambda: psf.fwhm(2), ValueError, "axis is 0"),
+        (lambda: psf.fwhm(2), ValueError, "axis must be 0"),
         (lambda: PSF(good, 1e-6).fwhm(0), ValueError, "does not fall to half"),
         (lambda: psf.encircled_energy([UNIT, 1.0]), ValueError, "wider window"),
         (lambda: psf.ensquared_energy(-UNIT), ValueError, "between 0 and"),
         (lambda: psf.radius(0.5, total=1.0), ValueError, "largest circle"),
         (lambda: psf.radius(1.5), ValueError, "between 0 and 1"),
         (lambda: psf.cut((1.0, 0.0), (5, 5)), ValueError, "does not lie within"),
-        (lambda: psf.profile(0, centre=(math.nan, 0.0)), ValueError, "centre is finite"),
+        (lambda: psf.profile(0, centre=(math.nan, 0.0)), ValueError, "centre must be finite"),
         (lambda: psf.profile(0, oversampling=0), ValueError, "oversampling"),
         (lambda: psf.centroid(0), ValueError, "power"),
     ):

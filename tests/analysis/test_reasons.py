@@ -68,7 +68,7 @@ def test_reasons_are_given_where_they_make_the_numbers(device: Device) -> None:
     words = "aberrations: wavefront of main lens 0.106 um, sensor shift 2 um"
     for name in (*widths, "crosstalk"):
         assert f"`blurred`: worse than diffraction and samples alone make it; {words}" in told[name]
-    assert f"beside it {words}" in told[error]
+    assert f"in addition {words}" in told[error]
     assert "`sharp`: measured by the pitch of spots" in told[error]
     text = report(Comparison((sharp, blurred), names))
     assert "best focus of `sharp`, `blurred` is at the end of the depths scanned" in text

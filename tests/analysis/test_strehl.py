@@ -65,10 +65,10 @@ def test_weights_count() -> None:
 
 
 def test_bad_input_is_told() -> None:
-    with pytest.raises(ShapeError, match="its weights"):
+    with pytest.raises(ShapeError, match="weight must have"):
         wavefront_rms(DISC, weight=DISC[1:])
     for weight in (0 * DISC, -DISC, DISC * np.nan):
-        with pytest.raises(ValueError, match="not negative nor all 0"):
+        with pytest.raises(ValueError, match="must not be negative nor all 0"):
             wavefront_strehl(DISC, weight=weight)
     with pytest.raises(ValueError, match="not negative"):
         strehl_of_rms([0.1, -0.1])

@@ -47,7 +47,7 @@ def test_every_benchmark_has_its_parts() -> None:
         assert benchmark.name == name
         assert benchmark.summary
         assert all(benchmark.needs(size) >= 0 for size in (*benchmark.sizes, benchmark.quick))
-    with pytest.raises(ClplenError, match=r"no benchmark 'stacks'; there are .*transfers"):
+    with pytest.raises(ClplenError, match=r"no benchmark 'stacks'; choose among .*transfers"):
         registry.find_benchmark("stacks")
 
 
@@ -70,7 +70,7 @@ def test_memory_that_does_not_suffice_is_said(device: Device) -> None:
     refused = AssertionError("it began")
     large = replace(fake, needs=lambda size: 2**62)
     assert registry.run_benchmark(large, device, size="16", repeats=1, say=messages.append) is None
-    assert messages == ["fake: the memory does not suffice for 16; give a smaller --size."] * 4
+    assert messages == ["fake: the memory does not suffice for 16; choose a smaller --size."] * 4
     refused = DeviceError("The operands live on two devices.")
     with pytest.raises(DeviceError, match="two devices"):
         registry.run_benchmark(fake, device, size="2", repeats=1, say=messages.append)
@@ -79,5 +79,5 @@ def test_memory_that_does_not_suffice_is_said(device: Device) -> None:
 def test_sizes() -> None:
     assert numbers("3x5x70x80", (4, 5), "VxUxYxX") == (3, 5, 70, 80)
     for size in ("", "3x5", "3x5x0x8", "3x5x7x-8", "3x5x7xa", "3x5x7x8x9x1"):
-        with pytest.raises(ShapeError, match="is VxUxYxX"):
+        with pytest.raises(ShapeError, match="must be VxUxYxX"):
             numbers(size, (4, 5), "VxUxYxX")

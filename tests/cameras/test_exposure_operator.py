@@ -202,7 +202,7 @@ def test_arguments(device: Device) -> None:
         (camera, points, {"model": "rays", "method": "points"}, ValueError, "model='waves'"),
         (colours(device), points, {"model": "rays"}, ValueError, "colour filters"),
         (camera, points, {"memory": -1}, ValueError, "number of bytes"),
-        (points, points, {}, TypeError, "camera is a Plenoptic"),
+        (points, points, {}, TypeError, "camera must be a Plenoptic"),
         (microscope(device), scene_of("picture"), {}, ValueError, "exposes PointSources"),
         (microscope(device), scene_of("beads"), {"method": "local"}, ValueError, "to plenoptic"),
     ):

@@ -73,7 +73,7 @@ def test_light_that_is_no_texture_does_not_count(device: Device) -> None:
 
 def test_arguments(device: Device) -> None:
     operator = operator_of(device, "plane", "standard", "square")
-    with pytest.raises(TypeError, match="scene is a SurfaceScene"):
+    with pytest.raises(TypeError, match="scene must be a SurfaceScene"):
         TextureOperator(operator.camera, GROUND)  # type: ignore[arg-type]
     with pytest.raises(ShapeError, match="argument of this map must have shape"):
         operator.forward(np.ones((5, 7)))

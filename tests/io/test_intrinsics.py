@@ -103,6 +103,6 @@ def test_what_is_no_file_of_intrinsics(tmp_path: Path):
 def test_a_missing_file(tmp_path: Path):
     with pytest.raises(FormatError, match=r"The intrinsics .*none.json cannot be read"):
         read_intrinsics(tmp_path / "none.json")
-    with pytest.raises(TypeError, match="intrinsics is an Intrinsics"):
+    with pytest.raises(TypeError, match="intrinsics must be an Intrinsics"):
         write_intrinsics(tmp_path / "none.json", np.eye(5))  # type: ignore[arg-type]
     assert not (tmp_path / "none.json").exists()

@@ -214,7 +214,7 @@ def test_what_does_not_fit_is_refused(device):
             linear.adjoint(np.ones((3, 3)))
         with pytest.raises(ShapeError, match="must get a C-contiguous float32 array of shape"):
             linear.forward_data(device.upload(np.ones(linear.in_shape)))
-        with pytest.raises(TypeError, match="holds real numbers"):
+        with pytest.raises(TypeError, match="must hold real numbers"):
             linear.forward(np.ones(linear.in_shape, complex))
     with pytest.raises(TypeError, match="must get a LightField or an array of shape"):
         stack.forward(Image(device.upload(numbers((5, 7))), device))

@@ -151,8 +151,8 @@ def test_frame_is_what_the_camera_sees(device, array):
 
 def test_what_cannot_be(device):
     for change, error, words in [
-        ({"lattice": None}, TypeError, "lattice is a Lattice, as estimate_lattice gives it"),
-        ({"images": 3}, TypeError, "images is a PointImages"),
+        ({"lattice": None}, TypeError, "lattice must be a Lattice, as estimate_lattice returns it"),
+        ({"images": 3}, TypeError, "images must be a PointImages"),
         ({"lattice": LATTICES["hexagonal"]}, ValueError, "is hexagonal and that of the point"),
         ({"shape": (3, 0)}, ShapeError, "shape is .ny, nx. of frames"),
         ({"shape": 4}, ShapeError, "shape is .ny, nx. of frames"),

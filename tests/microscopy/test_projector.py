@@ -163,9 +163,9 @@ def test_what_is_not_projected(device, images):
         ({"shape": (np.nan, 5)}, ShapeError, "rows, columns"),
         ({"memory": -5}, ValueError, "bytes from 0 on or None, not -5"),
         ({"memory": "1e9"}, ValueError, "bytes from 0 on or None, not '1e9'"),
-        ({"images": None}, TypeError, "images is a PointImages, as point_images gives it"),
-        ({"volume": None}, TypeError, "A volume is an array of numbers, not of type NoneType"),
-        ({"volume": np.zeros((0, 3, 25, 30))}, ShapeError, r"not \(0, 3, 25, 30\)"),
+        ({"images": None}, TypeError, "images must be a PointImages, as point_images returns it"),
+        ({"volume": None}, TypeError, "A volume must be an array of numbers, got NoneType"),
+        ({"volume": np.zeros((0, 3, 25, 30))}, ShapeError, r"got \(0, 3, 25, 30\)"),
     ]:
         given = {"images": images[1], "shape": (5, 6), "volume": 0} | change
         volume = given.pop("volume")

@@ -110,7 +110,7 @@ def test_what_cannot_be_is_said_before_anything_is_simulated(device, tmp_path, m
         point_images(microscope(device), [0.0, 0.02])
     with pytest.raises(DeviceError, match="The plane at z = 0 um needs"):  # 1.25e9 images
         point_images(microscope(device), [0.0], voxels_per_lenslet=100001)
-    with pytest.raises(TypeError, match="camera is a Microscope, as Plen"):
+    with pytest.raises(TypeError, match="camera must be a Microscope, as Plen"):
         point_images(None, Z)
 
 
@@ -165,14 +165,14 @@ def test_what_cannot_be(device):
         ({"mla": MicrolensArray(100e-6, 2.5e-3, count=5, rotation=0.1)}, {}, "rectify the frame"),
         ({"mla": MicrolensArray(1e-4, 2.5e-3, count=5, offset=(1e-6, 0))}, {}, r"\(1e-06, 0\) m"),
         ({}, {"binning": 2}, "15 pixels, which are not divided into pixels of the sensor of 2 x 2"),
-        ({}, {"binning": 0}, "binning is a whole number from 1"),
+        ({}, {"binning": 0}, "binning must be a whole number from 1"),
         ({}, {"planes": [0, 0]}, "different finite numbers"),
         ({}, {"planes": [1e-6, 0]}, "planes rise"),
         ({}, {"planes": [-40, 0, 40]}, r"got -40 m\..* in metres: did you mean -40e-6\?"),
         ({}, {"voxels_per_lenslet": 0}, "whole number from 1"),
         ({}, {"cut": 0.7}, "between 0 and 0.5"),
         ({}, {"store": "int8"}, "'float32' or 'float16'"),
-        ({}, {"planes": np.array([1e-6j])}, "planes holds real numbers, not complex128"),
+        ({}, {"planes": np.array([1e-6j])}, "planes must hold real numbers, got complex128"),
     ]:
         options = {"planes": Z} | options
         with pytest.raises((ValueError, TypeError), match=words):

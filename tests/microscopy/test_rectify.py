@@ -60,7 +60,7 @@ def test_what_is_not_rectified(device):
         ((30, 30), lattice, 5, "6 pixels apart, and 5 pixels a lenslet would step over"),
         ((30, 30), lattice, 0, "whole number from 1"),
         ((1, 30, 30), lattice, None, r"shape \(ny, nx\), not \(1, 30, 30\)"),
-        ((30, 30), None, None, "lattice is a Lattice, as estimate_lattice gives it"),
+        ((30, 30), None, None, "lattice must be a Lattice, as estimate_lattice returns it"),
         ((30, 30), hexagonal, None, "hexagonal"),
     ):
         with pytest.raises((ShapeError, ValueError, TypeError), match=words):

@@ -176,7 +176,7 @@ def test_checks_by_name(device: Device) -> None:
         "finite",
         "intensity",
     ]
-    with pytest.raises(ValueError, match="There is no check 'windows'"):
+    with pytest.raises(ValueError, match="names of checks, got 'windows'"):
         run_checks(device, names=["windows"])
 
 

@@ -1093,7 +1093,7 @@ def slanted_edge(turned):
 def camera_analysis(camera):
     camera = camera()
     raw = camera.expose(clplen.PointSources([(0.0, 0.0, 0.0)]))
-    psf = analysis.camera_psf(camera, places=3)
+    psf = analysis.camera_psf(camera, positions=3)
     found = analysis.compare({"a": camera}, only=["sampling", "crosstalk", "psf"], quick=True)
     analysis.Table(("a", "b"), (("x", 1.5), ("y", float("nan")))).write("table.csv")
     return {
@@ -1112,7 +1112,7 @@ def camera_analysis(camera):
 
 @pinned()
 def depth_scan():
-    transfer, errors = analysis.depth_scan(macro(), [0.0, 3e-3], places=1)
+    transfer, errors = analysis.depth_scan(macro(), [0.0, 3e-3], positions=1)
     return {
         "transfer": [transfer.mtf50, transfer.best, transfer.notes],
         "errors": [errors.errors, errors.rms, errors.notes],
@@ -1576,7 +1576,7 @@ def figures_of_light_fields():
     images = [clplen.refocus(lf, disparity=d) for d in (-1.0, 1.0)]
     plot.save(plot.views(lf), "views.svg")
     return {
-        "views": plot.views(scene()[0], shown=3, scale="root"),
+        "views": plot.views(scene()[0], max_views=3, scale="root"),
         "picture": plot.picture(lf.view(1, 1), title="a view"),
         "refocused": plot.refocused(images, ["far", "near"]),
         "montage": plot.montage(clplen.focal_stack(scene()[0], disparities=[-1, 0, 1])),

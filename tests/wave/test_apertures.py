@@ -192,7 +192,7 @@ def test_what_is_no_aperture(device):
             for size in (0, (1e-5, -1e-5), (1e-5, 1e-5, 1e-5), np.inf)
         ),
         (rectangular_aperture, 1e-5, {"rotation": np.nan}, "rotation must be finite"),
-        (rectangular_aperture, 1e-5, {"centre": (0, np.inf)}, "centre of an aperture is finite"),
+        (rectangular_aperture, 1e-5, {"centre": (0, np.inf)}, "an aperture must be finite"),
         *(
             (annular_aperture, 5e-5, {"inner": inner}, "ring must be at least 0")
             for inner in (-1e-6, 5e-5, np.nan)

@@ -446,7 +446,7 @@ def test_cotangents_that_do_not_fit(device, precise):
     mla = MicrolensArray(P, 2.5e-3, count=3)
     with pytest.raises(ShapeError, match="cotangent"):
         mla.gradient(field(U, device), field(G[0], device))
-    with pytest.raises(TypeError, match="cotangent is a Field"):
+    with pytest.raises(TypeError, match="cotangent must be a Field"):
         mla.gradient(field(U, device), G)
     with pytest.raises(DeviceError, match="two devices"):
         polar_gradient(field(U, device), field(G, precise))

@@ -39,7 +39,7 @@ def test_bad_grids():
         with pytest.raises(ValueError, match="pitch must be positive and finite"):
             Grid((3, 4), pitch)
     for pitch, hint in [(10, "1e-05"), ((5e-6, 6.6), "6.6e-06"), (650.0, "0.00065")]:
-        with pytest.raises(ValueError, match=f"pitch is in metres, at most 1, not .*mean {hint}"):
+        with pytest.raises(ValueError, match=f"must be in metres, at most 1, got .*mean {hint}"):
             Grid((3, 4), pitch)
     for origin in [(np.nan, 0.0), (1e300, 0.0), (0, -2e12), (10**400, 0)]:
         with pytest.raises(ValueError, match=r"origin (must be finite|is in metres)"):

@@ -175,7 +175,7 @@ def test_what_is_no_grating_and_no_axicon(device):
             grating(ones(Grid((5, 6), 1e-6), device), **options)
     for angle, options, message in [
         (np.nan, {}, "angle of an axicon must be finite"),
-        (1e-3, {"centre": (np.nan, 0)}, "centre of an axicon is finite"),
+        (1e-3, {"centre": (np.nan, 0)}, "centre of an axicon must be finite"),
         (1e-3, {"aliasing": "no"}, "'raise', 'warn' or 'allow'"),
     ]:
         with pytest.raises(ValueError, match=message):

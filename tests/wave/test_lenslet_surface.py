@@ -97,7 +97,7 @@ def test_bad_surfaces():
         ((0, 1.5), {}, "radius of a surface must not be 0"),
         ((np.nan, 1.5), {}, "radius of a surface must be finite"),
         (("1", 1.5), {}, "radius of a surface must be a number"),
-        ((290, 1.5), {}, "radius of a surface is in metres.*did you mean 0.29"),
+        ((290, 1.5), {}, "radius of a surface must be in metres.*did you mean 0.29"),
         ((1e-3, 1), {}, "index of a surface must be above 0 and not 1"),
         ((1e-3, -1.5), {}, "index of a surface must be above 0 and not 1"),
         ((1e-3, None), {}, "glass of a surface, if not a Glass or its name, must be"),
@@ -202,12 +202,12 @@ def test_bad_maps():
         ),
         ((GOOD + 1j,), {"pitch": 2e-5, "glass": 1.5}, TypeError, "real numbers"),
         ((GOOD,), {"pitch": 0, "glass": 1.5}, ValueError, "pitch of a map must be positive"),
-        ((GOOD,), {"pitch": 20, "glass": 1.5}, ValueError, "pitch of a map is in metres"),
+        ((GOOD,), {"pitch": 20, "glass": 1.5}, ValueError, "pitch of a map must be in metres"),
         (
             (np.eye(9),),
             {"pitch": 2e-5, "glass": 1.5},
             ValueError,
-            "range of a map of sag is in metres, .*did you mean 1e-06",
+            "range of a map of sag must be in metres, .*did you mean 1e-06",
         ),
         (
             (GOOD,),

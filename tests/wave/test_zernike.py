@@ -179,7 +179,7 @@ def test_bad_plates(device):
         ({"indexing": "fringe"}, ValueError, "'noll' or 'osa', got 'fringe'"),
         ({"diameter": 0}, ValueError, "diameter of a plate must be positive"),
         ({"diameter": np.inf}, ValueError, "diameter of a plate must be positive"),
-        ({"centre": (0, np.nan)}, ValueError, "centre of a plate is finite"),
+        ({"centre": (0, np.nan)}, ValueError, "centre of a plate must be finite"),
         ({"aliasing": "ignore"}, ValueError, "'raise', 'warn' or 'allow'"),
     ]:
         values = {"coefficients": {4: 1e-9}, "diameter": 1e-5} | change

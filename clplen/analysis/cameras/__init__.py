@@ -1,1 +1,1 @@
-"""Measures of plenoptic cameras: cameras and raw images come in; `Comparison` and curves leave."""
+"""Resolution, sampling, crosstalk and depth error of plenoptic cameras."""

@@ -1,4 +1,4 @@
-"""Light of a point outside its own cell of a raw image, or outside its cone's lenslets."""
+"""Share of the light of a point outside its own lenslet's cell, or outside its cone's lenslets."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Cell = tuple[int, int]
 
 
 def cell_centres(cells: LensletGrid) -> Values:
-    """Centres (y, x) of all cells in pixels, float64, shape (rows, columns, 2)."""
+    """Return centres (y, x) of all cells in pixels, float64, shape (rows, columns, 2)."""
     i, k = np.indices(cells.count, dtype=np.float64)
     along = k + cells.odd_row_shift * (i % 2)
     first, row, column = (np.asarray(v) for v in (cells.first, cells.row_step, cells.column_step))
@@ -25,20 +25,21 @@ def cell_centres(cells: LensletGrid) -> Values:
 
 
 def cell_outline(cells: LensletGrid, cell: Cell) -> Values:
-    """Corners (y, x) of a cell in pixels: of all places that are nearest to its centre.
+    """Return the corners (y, x) of a cell in pixels.
 
-    A rectangle of a square lattice, a hexagon of a hexagonal one, whatever it is turned by.
+    The cell holds all points nearest to its centre: a rectangle on a square lattice, a hexagon on
+    a hexagonal lattice, at any rotation.
     """
-    centre = cell_centres(cells)[_known(cells, cell)]
+    centre = cell_centres(cells)[_checked_cell(cells, cell)]
     row, column = np.asarray(cells.row_step), np.asarray(cells.column_step)
     if cells.odd_row_shift == 0:
-        around = [column, row, -column, -row]
+        neighbours = [column, row, -column, -row]
     else:
-        around = [column, row + column / 2, row - column / 2]
-        around += [-step for step in around]
+        neighbours = [column, row + column / 2, row - column / 2]
+        neighbours += [-step for step in neighbours]
     corners = [
         np.linalg.solve(np.stack((a, b)), np.array((a @ a, b @ b)) / 2)
-        for a, b in zip(around, around[1:] + around[:1], strict=True)
+        for a, b in zip(neighbours, neighbours[1:] + neighbours[:1], strict=True)
     ]
     return centre + np.array(corners)
 
@@ -46,25 +47,25 @@ def cell_outline(cells: LensletGrid, cell: Cell) -> Values:
 def cell_energies(raw: Any, cells: LensletGrid) -> Values:
     """Return the light in every cell of a raw image.
 
-    Each pixel counts for the cell whose centre is nearest to its own.
+    Each pixel belongs to the cell with the nearest centre.
 
     Parameters
     ----------
     raw : array_like
         Intensities on the sensor, shape (y, x).
     cells : LensletGrid
-        Such as `RawImage.cells`.
+        Cells of the lenslets, such as `RawImage.cells`.
 
     Returns
     -------
     numpy.ndarray
-        Sums in the units of the raw image, float64, shape (rows, columns); pixels outside all cells
-        count nowhere.
+        Sums in the units of the raw image, float64, shape (rows, columns), without pixels outside
+        all cells.
 
     Raises
     ------
     ShapeError, ValueError
-        If the picture is no real finite one.
+        If the picture is not two-dimensional, real and finite.
 
     Examples
     --------
@@ -83,13 +84,13 @@ def cell_energies(raw: Any, cells: LensletGrid) -> Values:
     k = matrix[1, 0] * (y - cells.first[0]) + matrix[1, 1] * (x - cells.first[1])
     row, column = _rounded(i, k, cells)
     inside = (row >= 0) & (row < cells.count[0]) & (column >= 0) & (column < cells.count[1])
-    place = row[inside] * cells.count[1] + column[inside]
-    total = np.bincount(place, picture[inside], cells.count[0] * cells.count[1])
+    cell = row[inside] * cells.count[1] + column[inside]
+    total = np.bincount(cell, picture[inside], cells.count[0] * cells.count[1])
     return np.asarray(total, np.float64).reshape(cells.count)
 
 
 def energy_in_cell(raw: Any, cells: LensletGrid, cell: Cell) -> float:
-    """The light in one cell, with the exact part of every pixel that its outline cuts."""
+    """Sum the light in a cell; pixels cut by its outline count with their covered part."""
     picture = checked(raw, "A raw image")
     outline = cell_outline(cells, cell)
     low = np.clip(np.floor(outline.min(axis=0)).astype(int) - 1, 0, np.array(picture.shape) - 1)
@@ -97,9 +98,9 @@ def energy_in_cell(raw: Any, cells: LensletGrid, cell: Cell) -> float:
     if (high <= low).any():
         return 0.0
     ny, nx = (int(n) for n in high - low)
-    part = Grid((ny, nx), 1.0, origin=(float(low[0] + ny // 2), float(low[1] + nx // 2)))
-    held = polygon_coverage(part, outline)
-    return float(np.sum(picture[low[0] : high[0], low[1] : high[1]] * held))
+    grid = Grid((ny, nx), 1.0, origin=(float(low[0] + ny // 2), float(low[1] + nx // 2)))
+    coverage = polygon_coverage(grid, outline)
+    return float(np.sum(picture[low[0] : high[0], low[1] : high[1]] * coverage))
 
 
 def crosstalk(
@@ -114,9 +115,9 @@ def crosstalk(
     cells : LensletGrid
         The lenslets' cells: `RawImage.cells`, or `RawImage.sub_images` for those of chief rays.
     cell : tuple of int, optional
-        (row, column) of its own cell; default the one with the most light.
+        Cell (row, column) of the point; default the brightest.
     total : float, optional
-        Energy that counts as 1, in the units of the picture's sum; default that sum.
+        Energy that counts as 1, in the units of the picture's sum; default this sum.
 
     Returns
     -------
@@ -126,7 +127,7 @@ def crosstalk(
     Raises
     ------
     ShapeError, ValueError
-        If the picture is no real finite one or has no light, or there is no such cell.
+        If the picture is not two-dimensional, real and finite or is dark, or the cell is outside.
 
     Examples
     --------
@@ -138,53 +139,53 @@ def crosstalk(
     '0.032'
     """
     picture = checked(raw, "A raw image")
-    whole = float(picture.sum()) if total is None else float(total)
-    if not whole > 0:
-        raise ValueError(f"A point's light has a positive sum, not {whole:.4g}.")
+    energy = float(picture.sum()) if total is None else float(total)
+    if not energy > 0:
+        raise ValueError(f"The sum of the picture must be positive, got {energy:.4g}.")
     if cell is None:
         energies = cell_energies(picture, cells)
         i, k = np.unravel_index(np.argmax(energies), energies.shape)
         cell = (int(i), int(k))
-    return 1 - energy_in_cell(picture, cells, cell) / whole
+    return 1 - energy_in_cell(picture, cells, cell) / energy
 
 
-def _known(cells: LensletGrid, cell: Cell) -> Cell:
+def _checked_cell(cells: LensletGrid, cell: Cell) -> Cell:
     i, k = cell
     if not (0 <= i < cells.count[0] and 0 <= k < cells.count[1]):
-        raise ValueError(f"There is no cell {cell!r}; the array has {cells.count} (rows, columns).")
+        raise ValueError(f"cell must lie in {cells.count} (rows, columns), got {cell!r}.")
     return int(i), int(k)
 
 
 def _rounded(i: Values, k: Values, cells: LensletGrid) -> tuple[Any, Any]:
-    """The nearest cell of places given in steps of rows and columns."""
+    """Return the nearest cell of points in steps of rows and columns."""
     if cells.odd_row_shift == 0:
         return np.rint(i).astype(np.int64), np.rint(k).astype(np.int64)
     row_step, column_step = np.asarray(cells.row_step), np.asarray(cells.column_step)
-    found = []
-    for near in (np.floor(i), np.floor(i) + 1):
-        shift = cells.odd_row_shift * (near % 2)
+    candidates = []
+    for nearest_row in (np.floor(i), np.floor(i) + 1):
+        shift = cells.odd_row_shift * (nearest_row % 2)
         column = np.rint(k - shift)
-        down, right = i - near, k - shift - column
+        down, right = i - nearest_row, k - shift - column
         y = down * row_step[0] + right * column_step[0]
         x = down * row_step[1] + right * column_step[1]
-        found.append((y * y + x * x, near, column))
-    first = found[0][0] <= found[1][0]
-    row = np.where(first, found[0][1], found[1][1])
-    column = np.where(first, found[0][2], found[1][2])
+        candidates.append((y * y + x * x, nearest_row, column))
+    first = candidates[0][0] <= candidates[1][0]
+    row = np.where(first, candidates[0][1], candidates[1][1])
+    column = np.where(first, candidates[0][2], candidates[1][2])
     return row.astype(np.int64), column.astype(np.int64)
 
 
 def camera_crosstalk(camera: Plenoptic | Any) -> float:
-    """Simulate how much of a focused point's light falls outside its own lenslets' cells.
+    """Simulate the share of a focused point's light outside its own lenslets' cells.
 
-    The point's chief ray goes through the centre of the middle lenslet. Of a 1.0 camera that one is
-    the point's own (`crosstalk`); of a 2.0 camera all those are that the cone of rays, D abs(a)/F
-    wide on the array, meets, with the cells of their sub-images.
+    The chief ray of the point meets the centre of the middle lenslet. A point of a 1.0 camera owns
+    this lenslet's cell (`crosstalk`). A point of a 2.0 camera owns the sub-images of all lenslets
+    in its cone of rays, D abs(a)/F wide on the array.
 
     Parameters
     ----------
     camera : Plenoptic
-        `PlenopticCamera.type1` or `type2`, with its device.
+        Camera from `PlenopticCamera.type1` or `type2`, with its device.
 
     Returns
     -------
@@ -203,14 +204,14 @@ def camera_crosstalk(camera: Plenoptic | Any) -> float:
     light, middle = np.asarray(raw.to_numpy(), np.float64), central_lenslet(camera)
     if not is_focused(camera):
         return crosstalk(light, raw.cells, cell=middle)
-    own = sum(
+    energy = sum(
         energy_in_cell(light, raw.sub_images, cell) for cell in lenslets_in_cone(camera, middle)
     )
-    return max(0.0, 1 - own / float(light.sum()))
+    return max(0.0, 1 - energy / float(light.sum()))
 
 
 def lenslets_in_cone(camera: Any, middle: tuple[int, int]) -> list[tuple[int, int]]:
-    """(row, column) of the lenslets that the cone through one of them meets, itself included."""
+    """Return (row, column) of all lenslets in the cone through the middle lenslet."""
     reach = camera.aperture_diameter * abs(camera.a) / camera.image_distance / 2
     mla = camera.mla
     centres = np.asarray(mla.centres())

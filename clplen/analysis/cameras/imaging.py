@@ -1,4 +1,4 @@
-"""Point sources placed for a camera, and the pictures of its raw images, with their scale."""
+"""Point sources at a camera's lenslets, and pictures with their scale from its raw images."""
 
 from __future__ import annotations
 
@@ -21,41 +21,41 @@ from clplen.lightfield.refocusing.focal_stacks import refocus
 
 
 def is_focused(camera: Any) -> bool:
-    """Whether it is a focused (2.0) camera."""
+    """Return True for a focused (2.0) camera."""
     return bool(camera.kind == "focused")
 
 
 def sample_offsets(step: float, count: int) -> Values:
-    """``count`` places a step / count apart about 0, which together sample a grid of that step."""
+    """Return ``count`` offsets about 0 that divide a step evenly."""
     return np.asarray((np.arange(count) - (count - 1) / 2) * (step / count), np.float64)
 
 
 def central_lenslet(camera: Plenoptic) -> tuple[int, int]:
-    """(row, column) of the lenslet next to the middle of the array, in a row that is not moved."""
+    """Return (row, column) of the lenslet next to the array's middle, in an unshifted row."""
     rows, columns = camera.mla.count
     row = rows // 2
     return row - (row % 2 if camera.mla.lattice == "hexagonal" else 0), columns // 2
 
 
 def point_at_lenslet(camera: Plenoptic, offset: Pair, dz: float) -> PointSources:
-    """A point whose chief ray meets the array beside the middle lenslet's centre."""
+    """Return a point whose chief ray meets the array at an offset from the middle lenslet."""
     turn = camera.mla.rotation
     y, x = offset
     across = (y * np.cos(turn) + x * np.sin(turn), -y * np.sin(turn) + x * np.cos(turn))
-    place = np.asarray(camera.mla.centres()[central_lenslet(camera)]) + across
-    place = place / camera.array_scale(dz)
-    return PointSources([(place[1], place[0], dz)])
+    position = np.asarray(camera.mla.centres()[central_lenslet(camera)]) + across
+    position = position / camera.array_scale(dz)
+    return PointSources([(position[1], position[0], dz)])
 
 
 def is_symmetric(camera: Plenoptic) -> bool:
-    """Whether a camera looks the same in a mirror through the middle lenslet, both ways."""
+    """Return True if the camera has mirror symmetry about its middle lenslet, along y and x."""
     mla = camera.mla
     plain = mla.lattice == "square" and len(mla.focal_lengths) == 1
     centred = mla.rotation == 0 and tuple(mla.offset) == (0, 0) and all(n % 2 for n in mla.count)
     return plain and centred and camera.aberrations == NONE
 
 
-FINER = 4  # samples of a focused camera's picture for one that its light needs
+OVERSAMPLING = 4  # samples of a focused camera's picture per sample that it needs
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -65,11 +65,11 @@ class Rendered:
     Attributes
     ----------
     values : numpy.ndarray
-        float64, shape (ny, nx).
+        Intensities, float64, shape (ny, nx).
     pitch : tuple of float
-        (dy, dx) in metres on the main lens' image of the plane in focus.
+        Sample pitch (dy, dx) in metres on the main lens' image of the plane in focus.
     origin : tuple of float
-        (y, x) of sample (ny//2, nx//2) in metres; of a 1.0 camera along its array's rows.
+        Position (y, x) of sample (ny//2, nx//2) in metres; along the array's rows for a 1.0 camera.
 
     Examples
     --------
@@ -77,8 +77,8 @@ class Rendered:
     ...     focal_length=15e-3, object_distance=30e-3, wavelength=532e-9,
     ...     mla=clplen.MicrolensArray(100e-6, 2e-3, count=7), pixels_per_lenslet=19)
     >>> point = clplen.PointSources([(0.0, 0.0, 0.0)])
-    >>> found = clplen.analysis.compare({"a": camera}, only=["pictures"], scenes={"a": point})
-    >>> found["a"].picture
+    >>> cameras = clplen.analysis.compare({"a": camera}, only=["pictures"], scenes={"a": point})
+    >>> cameras["a"].picture
     <Rendered 7 x 7, pitch 0.0001 x 0.0001 m>
     """
 
@@ -92,17 +92,17 @@ class Rendered:
 
 
 def local_m(camera: Any, dz: float) -> float:
-    """z3/(z2 - F') of a focused camera's lenslets for an object at dz; infinite on the array."""
+    """Return z3/(z2 - F') of a focused camera's lenslets at dz; infinite on the array."""
     alpha = camera.alpha(dz)
     a = camera.array_distance - camera.image_distance / alpha if alpha else -math.inf
     return float(camera.sensor_distance / a) if a else math.inf
 
 
 def refocused_picture(raw: RawImage, dz: float) -> Values:
-    """The picture of a 1.0 camera refocused on dz, one sample a lenslet, float64 (rows, columns).
+    """Refocus a 1.0 camera's picture on dz, one sample per lenslet, float64 (rows, columns).
 
-    In the unscaled form, so that places are those of chief rays on the array. Views are moved in
-    Fourier space: no interpolation is measured with them.
+    The picture is not rescaled, so that samples are at chief rays on the array. Views shift in
+    Fourier space, free of interpolation blur.
     """
     camera: Any = raw.camera
     lf = LightField.from_raw(raw)
@@ -111,26 +111,26 @@ def refocused_picture(raw: RawImage, dz: float) -> Values:
 
 
 def blended_picture(raw: RawImage, dz: float) -> Rendered:
-    """The blended picture of a 2.0 camera with dz in focus, finely sampled.
+    """Render the blended picture of a 2.0 camera focused on dz, finely sampled.
 
-    `FINER` samples in the place of one that either the lenslets' diffraction, lam a/(2 d), or the
-    pixels, dx/abs(m), call for.
+    The samples are `OVERSAMPLING` times finer than required by the lenslets' diffraction,
+    lam a/(2 d), and by the pixels, dx/abs(m).
     """
     camera: Any = raw.camera
     m = local_m(camera, dz)
     if m == 0:
-        raise ValueError(f"An object at dz = {dz:g} m is imaged at infinity: no m focuses there.")
+        raise ValueError(f"dz = {dz:g} m is imaged at infinity; choose another depth.")
     diffraction = camera.wavelength * abs(camera.sensor_distance / m) / (2 * camera.mla.diameter)
-    wanted = min(diffraction, camera.pixel_pitch / abs(m)) / FINER
+    sample_pitch = min(diffraction, camera.pixel_pitch / abs(m)) / OVERSAMPLING
     ratio = float(FocusedGeometry.of(raw).ratio(m))
-    step = wanted / abs(camera.pixel_pitch * ratio / m) if ratio else None
+    step = sample_pitch / abs(camera.pixel_pitch * ratio / m) if ratio else None
     return _on_host(render_focused(raw, m=m, step=step))
 
 
 def native_picture(raw: RawImage) -> Rendered:
-    """The picture focused on the camera's own plane, with the samples that its user gets.
+    """Render the picture focused on the camera's own plane, at its native sampling.
 
-    A lenslet each (1.0), or abs(m) of the pixels along each axis (2.0), blended.
+    A sample is a lenslet (1.0), or a pixel over abs(m) of the blended picture (2.0).
     """
     camera: Any = raw.camera
     if is_focused(camera):
@@ -140,7 +140,7 @@ def native_picture(raw: RawImage) -> Rendered:
 
 
 def _middle(mla: Any) -> Pair:
-    """(y, x) of lenslet (rows//2, columns//2), of a row that is not moved, along the array."""
+    """Return (y, x) of lenslet (rows//2, columns//2) of an unshifted row, along the array."""
     cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
     (down, right), (rows, columns) = mla.offset, mla.count
     y = (rows // 2 - (rows - 1) / 2) * mla.row_pitch + down * cos - right * sin

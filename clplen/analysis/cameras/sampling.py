@@ -1,10 +1,10 @@
-"""How a plenoptic camera shares its pixels between place and direction.
+"""Spatial and angular sampling of plenoptic cameras.
 
-Ng, Levoy, Bredif, Duval, Horowitz and Hanrahan 2005, for the standard camera (1.0): one spatial
-sample a lenslet, one direction a pixel under it. Lumsdaine and Georgiev 2009 and Georgiev and
-Lumsdaine 2010 for the focused one (2.0), whose lenslets see the main lens' image at distance a and
-throw it on the sensor at distance b: with m = b/a, abs(m) of the sensor's resolution in place, and
-1/abs(m) views of every point where main lens and lenslets have the same f-number.
+The standard camera (1.0) has one spatial sample per lenslet and one direction per pixel under it
+(Ng, Levoy, Bredif, Duval, Horowitz and Hanrahan 2005). The lenslets of the focused camera (2.0)
+relay the main lens' image at distance a to the sensor at distance b (Lumsdaine and Georgiev 2009,
+Georgiev and Lumsdaine 2010). With m = b/a it keeps abs(m) of the sensor's resolution, and 1/abs(m)
+views of every point if main lens and lenslets have equal f-numbers.
 """
 
 from __future__ import annotations
@@ -20,43 +20,43 @@ from clplen.reprs import OneLine, columns
 
 @dataclass(frozen=True, repr=False)
 class Sampling(OneLine):
-    """Samples of one axis; places are on the plane of the main lens' image, all in metres.
+    """Sampling along one axis, on the plane of the main lens' image, in metres.
 
     Attributes
     ----------
     kind : str
-        "1.0" or "2.0".
+        Type of the camera, "1.0" or "2.0".
     spatial_samples : float
-        Places: lenslets (1.0), pixels times abs(m) (2.0).
+        Number of spatial samples: lenslets (1.0), pixels times abs(m) (2.0).
     spatial_share : float
-        Places over the pixels of the sensor.
+        Ratio of spatial samples to pixels of the sensor.
     spatial_pitch : float
-        Between places: the lenslets' pitch (1.0), a pixel over abs(m) (2.0).
+        Distance between spatial samples: the lenslets' pitch (1.0), a pixel over abs(m) (2.0).
     views : float
-        Directions in which a place is seen: pixels a lenslet (1.0), lenslets that its light meets,
-        D abs(a)/(F p), which is 1/abs(m) where the main lens has the lenslets' f-number b/p (2.0).
+        Number of directions per spatial sample: pixels per lenslet (1.0); lenslets in the cone of
+        light, D abs(a)/(F p), equal to 1/abs(m) for a main lens of the lenslets' f-number b/p
+        (2.0).
     angular_step : float
-        Between directions, in radians: pixel/f_mu (1.0), p/abs(a) (2.0).
+        Angle between directions in radians: pixel/f_mu (1.0), p/abs(a) (2.0).
     angular_range : float
-        All directions, in radians: d/f_mu, those a lenslet takes (1.0); D/F, those that the main
-        lens passes (2.0).
+        Range of directions in radians: d/f_mu of a lenslet (1.0), D/F of the main lens (2.0).
     independent_views : float
-        Directions that diffraction by the lenslet leaves independent: d^2/(lam f_mu), at most the
-        pixels a lenslet (1.0); the views themselves (2.0), since other lenslets see them.
+        Number of directions that the lenslet's diffraction resolves: d^2/(lam f_mu), at most the
+        pixels per lenslet (1.0); the views themselves, from different lenslets (2.0).
     nyquist : float
         Highest spatial frequency of the samples, 1/(2 spatial_pitch), cycles a metre.
     diffraction_cutoff : float
-        Highest spatial frequency of the light: D/(lam F) of the main lens (1.0), d/(lam abs(a)) of
-        the lenslet (2.0), cycles a metre.
+        Highest spatial frequency of the light in cycles a metre: D/(lam F) of the main lens (1.0),
+        d/(lam abs(a)) of the lenslet (2.0).
 
     Examples
     --------
-    >>> found = clplen.analysis.type1_sampling(
+    >>> sampling = clplen.analysis.type1_sampling(
     ...     lenslets=100, pitch=100e-6, diameter=100e-6, focal_length=2e-3, pixel_pitch=5e-6,
     ...     wavelength=532e-9, image_distance=30e-3, aperture_diameter=1.5e-3)
-    >>> f"{found.views:.0f} views, {found.independent_views:.1f} of them independent"
+    >>> f"{sampling.views:.0f} views, {sampling.independent_views:.1f} of them independent"
     '20 views, 9.4 of them independent'
-    >>> f"up to {found.cutoff / 1e3:.0f} cycles/mm"
+    >>> f"up to {sampling.cutoff / 1e3:.0f} cycles/mm"
     'up to 5 cycles/mm'
     """
 
@@ -73,7 +73,7 @@ class Sampling(OneLine):
 
     @property
     def cutoff(self) -> float:
-        """The lower of the two limits in cycles a metre."""
+        """Lower of the Nyquist and diffraction limits, in cycles a metre."""
         return min(self.nyquist, self.diffraction_cutoff)
 
 
@@ -93,32 +93,32 @@ def type1_sampling(
     Parameters
     ----------
     lenslets : float
-        How many there are along the axis.
+        Number of lenslets along the axis.
     pitch, diameter, focal_length : float
         Pitch p, width d and focal length f_mu of the lenslets, in metres.
     pixel_pitch : float
-        Of the sensor, in metres.
+        Pixel pitch of the sensor in metres.
     wavelength : float
-        In metres.
+        Wavelength in metres.
     image_distance, aperture_diameter : float
         Distance F of the image and aperture D of the main lens, in metres.
 
     Returns
     -------
     Sampling
-        Of ``kind`` "1.0".
+        Sampling of ``kind`` "1.0".
 
     Raises
     ------
     ValueError
-        If a number is not positive, or a lenslet wider than its pitch.
+        If a number is not positive, or the diameter is larger than the pitch.
 
     Examples
     --------
-    >>> found = clplen.analysis.type1_sampling(
+    >>> sampling = clplen.analysis.type1_sampling(
     ...     lenslets=100, pitch=100e-6, diameter=100e-6, focal_length=2e-3, pixel_pitch=5e-6,
     ...     wavelength=532e-9, image_distance=30e-3, aperture_diameter=1.5e-3)
-    >>> f"{found.spatial_samples:.0f} places, {found.views:.0f} views"
+    >>> f"{sampling.spatial_samples:.0f} places, {sampling.views:.0f} views"
     '100 places, 20 views'
     """
     _check(
@@ -163,42 +163,43 @@ def type2_sampling(
     Parameters
     ----------
     lenslets : float
-        How many there are along the axis.
+        Number of lenslets along the axis.
     pitch, diameter : float
         Pitch p and width d of the lenslets, in metres.
     a : float
-        Main lens' image to lenslets, in metres; negative when it lies behind them (Galilean).
+        Distance from the main lens' image to the lenslets in metres; negative for an image behind
+        the lenslets (Galilean).
     b : float
-        Lenslets to sensor, in metres.
+        Distance from the lenslets to the sensor in metres.
     pixel_pitch : float
-        Of the sensor, in metres.
+        Pixel pitch of the sensor in metres.
     wavelength : float
-        In metres.
+        Wavelength in metres.
     cone : float, optional
-        D/F of the main lens; default p/b, that of the lenslets.
+        Ratio D/F of the main lens; default p/b of the lenslets.
     pixels : float, optional
-        Of the sensor along the axis; default those of the lenslets' cells.
+        Number of pixels along the axis; default the pixels in the lenslets' cells.
 
     Returns
     -------
     Sampling
-        Of ``kind`` "2.0".
+        Sampling of ``kind`` "2.0".
 
     Raises
     ------
     ValueError
-        If ``a`` is 0 or not finite, another number not positive, or a lenslet wider than its pitch.
+        If ``a`` is 0 or not finite, another number not positive, or the diameter above the pitch.
 
     Examples
     --------
-    >>> found = clplen.analysis.type2_sampling(
+    >>> sampling = clplen.analysis.type2_sampling(
     ...     lenslets=100, pitch=100e-6, diameter=100e-6, a=10e-3, b=2.5e-3, pixel_pitch=5e-6,
     ...     wavelength=532e-9)
-    >>> f"{found.spatial_samples:.0f} places, {found.views:.0f} views"
+    >>> f"{sampling.spatial_samples:.0f} places, {sampling.views:.0f} views"
     '500 places, 4 views'
     """
     if not (fits_float64(a) and a != 0):
-        raise ValueError(f"a is finite and not 0, negative for a Galilean camera, not {a!r}.")
+        raise ValueError(f"a must be finite and not 0 (negative for Galilean), got {a!r}.")
     _check(
         lenslets=lenslets,
         pitch=pitch,
@@ -232,38 +233,37 @@ def sampling_of(camera: Any, *, axis: int = 1) -> Sampling:
     Parameters
     ----------
     camera : PlenopticCamera
-        Or anything with ``mla``, ``pixel_pitch``, ``wavelength``, ``image_distance`` and
-        ``aperture_diameter``, and for a focused one ``a``, ``b`` and ``grid``.
+        Camera, or any object with ``mla``, ``pixel_pitch``, ``wavelength``, ``image_distance`` and
+        ``aperture_diameter``, and for a focused camera ``a``, ``b`` and ``grid``.
     axis : int
-        0 along y, where the rows of a hexagonal array count with the pitch and width of a row;
-        1 along x.
+        Axis: 0 for y, with the pitch and width of a row of a hexagonal array; 1 for x.
 
     Returns
     -------
     Sampling
-        As `type1_sampling` or `type2_sampling` computes it.
+        Result of `type1_sampling` or `type2_sampling`.
 
     Raises
     ------
     TypeError
-        If it is no such camera.
+        If ``camera`` is not a plenoptic camera.
     ValueError
-        If the axis is neither.
+        If ``axis`` is neither 0 nor 1.
 
     Examples
     --------
     >>> camera = clplen.PlenopticCamera.type1(
     ...     focal_length=15e-3, object_distance=30e-3, wavelength=532e-9,
     ...     mla=clplen.MicrolensArray(100e-6, 2e-3, count=7), pixels_per_lenslet=19)
-    >>> found = clplen.analysis.sampling_of(camera)
-    >>> found.kind, round(found.spatial_samples), round(found.views)
+    >>> sampling = clplen.analysis.sampling_of(camera)
+    >>> sampling.kind, round(sampling.spatial_samples), round(sampling.views)
     ('1.0', 7, 19)
     """
     if axis not in (0, 1):
-        raise ValueError(f"axis is 0 for y or 1 for x, not {axis!r}.")
+        raise ValueError(f"axis must be 0 (y) or 1 (x), got {axis!r}.")
     try:
         mla = camera.mla
-        given = {
+        common = {
             "lenslets": mla.count[axis],
             "pitch": mla.pitch if axis == 1 else mla.row_pitch,
             "diameter": min(mla.diameter, mla.pitch if axis == 1 else mla.row_pitch),
@@ -273,16 +273,16 @@ def sampling_of(camera: Any, *, axis: int = 1) -> Sampling:
         if camera.kind == "focused":
             cone = camera.aperture_diameter / camera.image_distance
             pixels = camera.grid.shape[axis]
-            return type2_sampling(a=camera.a, b=camera.b, cone=cone, pixels=pixels, **given)
+            return type2_sampling(a=camera.a, b=camera.b, cone=cone, pixels=pixels, **common)
         return type1_sampling(
             focal_length=mla.focal_length,
             image_distance=camera.image_distance,
             aperture_diameter=camera.aperture_diameter,
-            **given,
+            **common,
         )
     except AttributeError as error:
         raise TypeError(
-            f"{type(camera).__name__} is no plenoptic camera of type 1 or 2: {error}."
+            f"camera must be a plenoptic camera, got {type(camera).__name__}: {error}."
         ) from error
 
 
@@ -300,7 +300,7 @@ ROWS = (
 
 
 def sampling_table(cameras: Mapping[str, Sampling]) -> str:
-    """Return a table of the sampling of cameras, one a column.
+    """Format the sampling of cameras as a table with a column per camera.
 
     Parameters
     ----------
@@ -310,14 +310,14 @@ def sampling_table(cameras: Mapping[str, Sampling]) -> str:
     Returns
     -------
     str
-        Lines of text, one for each quantity, with its unit at the end.
+        Lines of text, a quantity each, with its unit at the end.
 
     Raises
     ------
     ValueError
-        If there is none.
+        If ``cameras`` is empty.
     TypeError
-        If it is no mapping.
+        If ``cameras`` is not a mapping.
 
     Examples
     --------
@@ -335,11 +335,11 @@ def sampling_table(cameras: Mapping[str, Sampling]) -> str:
     """
     require(Mapping, cameras, "cameras", "{name: sampling_of(camera)}")
     if not cameras:
-        raise ValueError("A table of sampling needs at least one camera.")
+        raise ValueError("cameras must contain at least one camera, got none.")
     lines = [["", *cameras, ""]]
-    lines.append(["type", *(one.kind for one in cameras.values()), ""])
+    lines.append(["type", *(sampling.kind for sampling in cameras.values()), ""])
     for label, name, unit, text in ROWS:
-        values = (getattr(one, name) * unit for one in cameras.values())
+        values = (getattr(sampling, name) * unit for sampling in cameras.values())
         lines.append([label, *(f"{value:.4g}" for value in values), text])
     return "\n".join(columns(lines, f"<{'>' * len(cameras)}<"))
 
@@ -348,6 +348,6 @@ def _check(**numbers: float) -> None:
     check_positive(**numbers)
     if numbers["diameter"] > numbers["pitch"] * (1 + 1e-12):
         raise ValueError(
-            f"A lenslet of {numbers['diameter']:g} m is wider than its pitch of "
-            f"{numbers['pitch']:g} m."
+            f"diameter must be at most the pitch of {numbers['pitch']:g} m, got "
+            f"{numbers['diameter']:g} m."
         )

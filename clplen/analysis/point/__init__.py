@@ -1,1 +1,1 @@
-"""Measures of one picture, point or wavefront: arrays with a pitch come in; numbers leave."""
+"""Measures of a single picture, point or wavefront."""

@@ -1,11 +1,10 @@
-"""The transfer function of a picture from a slanted edge in it.
+"""Transfer function of a picture from a slanted edge.
 
-ISO 12233:2017, annex D: the edge is fitted by a straight line, all samples are put in order of
-their distance from it in bins of a quarter of a sample, and the derivative of that edge spread
-function is windowed and transformed. Three things go beyond the annex: distances are those along
-the edge's normal, the mean over a bin allows for how samples crowd in it, and that mean is
-corrected as the difference of two bins is. The window is Tukey's, which leaves the middle half as
-it is.
+ISO 12233:2017, annex D: fit a straight line to the edge, bin all samples by their distance from it
+in quarters of a sample, window the derivative of this edge spread function and transform it. Three
+refinements go beyond the annex. Distances are measured along the edge's normal. The mean over a bin
+compensates the uneven density of its samples. The result is corrected for this mean, not only for
+the difference of bins. The window is Tukey's, flat over the middle half.
 """
 
 from __future__ import annotations
@@ -22,40 +21,40 @@ from clplen.errors import ShapeError
 from clplen.reprs import OneLine
 from clplen.wave.field.field import Grid
 
-BINS = 4  # a sample
-LEAST, MOST = 1.5, 14.0  # degrees on the samples: a steeper edge shifts by 1/4 a line, or more
-_BESIDE = 8  # samples that an edge needs on both sides
+BINS = 4  # per sample (ISO 12233)
+MIN_ANGLE, MAX_ANGLE = 1.5, 14.0  # degrees; from 14 on an edge shifts by 1/4 sample a line
+_MIN_MARGIN = 8  # samples between the edge and the border of the picture
 _PAD = 4  # length of the transform over that of the line spread function
-_ROUNDS = 3
-_CROWD = 1 / 32  # of a sample: nearer ones count as one place
-_GAP = 0.15  # of a sample, between places
-_PARTS = 16  # of a bin
+_FIT_PASSES = 3
+_MERGE_DISTANCE = 1 / 32  # samples; nearer ones are averaged
+_MAX_GAP = 0.15  # largest gap between distances, in samples
+_BIN_POINTS = 16  # interpolated points per bin
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SlantedEdge(OneLine):
-    """What a slanted edge tells.
+    """Transfer function and geometry of a slanted edge.
 
     Attributes
     ----------
     axis : int
-        The axis that the edge crosses: 1 for an edge that is nearly along y, 0 for one along x.
+        Axis that the edge crosses: 1 for an edge nearly along y, 0 for an edge along x.
     angle : float
-        In radians, from the other axis: of the edge's y or x axis towards ``axis``.
+        Angle in radians between the edge and the other axis, positive towards ``axis``.
     residual : float
-        rms distance of the lines' edges from the fitted one, in metres.
+        Root mean square distance of the lines' edges from the fitted line, in metres.
     distance, spread : numpy.ndarray
-        The edge spread function: metres along the normal, towards growing ``axis``, and the mean of
-        the samples in each bin.
+        Edge spread function: metres along the normal, towards growing ``axis``, and the mean of the
+        samples in each bin.
     mtf : Curve
-        Along the normal, up to one cycle a sample.
+        Contrast along the normal, up to one cycle per sample.
 
     Examples
     --------
     >>> y, x = np.indices((32, 32))
     >>> picture = 1 / (1 + np.exp((14 + 0.12 * y - x) / 0.6))  # an edge, 7 degrees off y
-    >>> found = clplen.analysis.slanted_edge(picture, pitch=5e-6)
-    >>> found.axis, f"{np.degrees(found.angle):.1f} degrees"
+    >>> edge = clplen.analysis.slanted_edge(picture, pitch=5e-6)
+    >>> edge.axis, f"{np.degrees(edge.angle):.1f} degrees"
     (1, '6.8 degrees')
     """
 
@@ -68,41 +67,41 @@ class SlantedEdge(OneLine):
 
 
 def slanted_edge(picture: Any, *, pitch: float | Pair) -> SlantedEdge:
-    """Measure the transfer function across the one edge of a picture.
+    """Measure the transfer function across a slanted edge.
 
     Parameters
     ----------
     picture : array_like
-        Linear intensities, shape (y, x), of a straight edge between two even areas, either side the
-        brighter. It crosses all lines of the picture, at least 8 samples from their ends.
+        Linear intensities, shape (y, x), of one straight edge between two uniform areas, either
+        side the brighter. The edge crosses all lines, at least 8 samples from their ends.
     pitch : float or tuple of float
         Sample spacing (dy, dx) in metres.
 
     Returns
     -------
     SlantedEdge
-        The edge's place and angle, its edge spread function and the transfer function.
+        Angle of the edge, its edge spread function and the transfer function.
 
     Raises
     ------
     ShapeError
-        If the picture is not two-dimensional or too small, its edge does not shift by a whole
-        sample over it, or comes too close to the border.
+        If the picture is not two-dimensional or too small, or the edge shifts by less than a
+        sample over it or is too close to the border.
     ValueError
-        If there is no edge, it lies outside 1.5 to 14 degrees (on square samples) from an axis,
-        has a slope near 1/4, 1/5 or 1/6, or does not cross all lines the same way.
+        If the picture has no edge, or the edge is not at 1.5 to 14 degrees (on square samples)
+        from an axis, has a slope near 1/4, 1/5 or 1/6, or reverses its contrast between lines.
 
     Examples
     --------
     >>> y, x = np.indices((32, 32))
     >>> picture = 1 / (1 + np.exp((14 + 0.12 * y - x) / 0.6))  # an edge, 7 degrees off y
-    >>> found = clplen.analysis.slanted_edge(picture, pitch=5e-6)
-    >>> f"MTF50 {found.mtf.at(0.5) / 1e3:.0f} cycles/mm"
+    >>> edge = clplen.analysis.slanted_edge(picture, pitch=5e-6)
+    >>> f"MTF50 {edge.mtf.at(0.5) / 1e3:.0f} cycles/mm"
     'MTF50 37 cycles/mm'
     """
-    values = checked(picture, "The picture of an edge", least=2 * _BESIDE + 2)
+    values = checked(picture, "The picture of an edge", min_samples=2 * _MIN_MARGIN + 2)
     dy, dx = Grid(values.shape, pitch).pitch
-    axis = _crossed(values)
+    axis = _crossed_axis(values)
     lines, along, across = (values, dy, dx) if axis == 1 else (values.T, dx, dy)
     centres, start, slope = _fit(lines)
     _check(lines.shape, start, slope)
@@ -116,100 +115,100 @@ def slanted_edge(picture: Any, *, pitch: float | Pair) -> SlantedEdge:
         residual=float(np.sqrt(np.mean(error**2))) * length,
         distance=offset * length,
         spread=spread,
-        mtf=_transformed(spread, length),
+        mtf=_edge_transfer(spread, length),
     )
 
 
-def _crossed(values: Values) -> int:
-    """The axis along which the picture, averaged over the other one, steps most."""
+def _crossed_axis(values: Values) -> int:
+    """Return the axis with the largest step of the picture's mean profile."""
     steps = [np.diff(values.mean(axis=1 - axis)) for axis in (0, 1)]
     strength = [float(np.sum(step**2)) for step in steps]
     if max(strength) <= 1e-12 * float(np.mean(values**2)):
-        raise ValueError("The picture has no edge: it is even along both axes.")
+        raise ValueError("The picture has no edge: it is uniform along both axes.")
     return int(np.argmax(strength))
 
 
 def _fit(lines: Values) -> tuple[Values, float, float]:
-    """Place of the edge on every line, in samples, and (start, slope) of the straight line.
+    """Return the edge position on every line, in samples, and (start, slope) of the fitted line.
 
-    The place is the centre of gravity of the derivative under a Hamming window about the line
-    found before.
+    Each position is the centroid of the derivative under a Hamming window about the last fit.
     """
     number, n = lines.shape
     step = np.diff(lines, axis=1)
     step = step * np.sign(step.sum())
-    at = np.arange(n - 1) + 0.5
+    positions = np.arange(n - 1) + 0.5
     index = np.arange(number)
     centres = np.full(number, (n - 1) / 2)
     start, slope, reach = (n - 1) / 2, 0.0, float(n)
-    for _ in range(_ROUNDS):
+    for _ in range(_FIT_PASSES):
         middle = start + slope * index
-        t = np.clip((at - middle[:, None]) / reach, -1, 1)
+        t = np.clip((positions - middle[:, None]) / reach, -1, 1)
         weight = step * (0.54 + 0.46 * np.cos(np.pi * t))
         total = weight.sum(axis=1)
         if not (total > 1e-3 * np.abs(weight).sum(axis=1)).all() or not total.min() > 0:
             raise ValueError(
-                "The edge does not cross every line of the picture the same way: cut out a part "
+                "The edge does not cross every line with the same contrast sign: crop to a part "
                 "with one straight edge."
             )
-        centres = (weight * at).sum(axis=1) / total
+        centres = (weight * positions).sum(axis=1) / total
         slope, start = (float(c) for c in np.polyfit(index, centres, 1))
         ends = (start, start + slope * (number - 1))
-        reach = max(_BESIDE, min(*ends, n - 1 - ends[0], n - 1 - ends[1]))
+        reach = max(_MIN_MARGIN, min(*ends, n - 1 - ends[0], n - 1 - ends[1]))
     return centres, start, slope
 
 
 def _check(shape: tuple[int, ...], start: float, slope: float) -> None:
     number, n = shape
     angle = math.degrees(math.atan(abs(slope)))
-    if not LEAST <= angle <= MOST:
+    if not MIN_ANGLE <= angle <= MAX_ANGLE:
         raise ValueError(
-            f"The edge lies at {angle:.3g} degrees from the samples' axis; {LEAST} to {MOST} "
-            "degrees spread its distances evenly: turn it to about 5."
+            f"The edge must be at {MIN_ANGLE} to {MAX_ANGLE} degrees from an axis, got "
+            f"{angle:.3g}: turn it to about 5 degrees."
         )
     if number * abs(slope) < 1:
         raise ShapeError(
-            f"The edge shifts by {number * abs(slope):.2g} samples over the {number} lines of the "
-            f"picture: at least {math.ceil(1 / abs(slope))} lines are needed at {angle:.3g} "
+            f"The edge must shift by at least one sample, got {number * abs(slope):.2g} over "
+            f"{number} lines: take at least {math.ceil(1 / abs(slope))} lines at {angle:.3g} "
             "degrees."
         )
     ends = (start, start + slope * (number - 1))
-    if min(ends) < _BESIDE or max(ends) > n - 1 - _BESIDE:
+    if min(ends) < _MIN_MARGIN or max(ends) > n - 1 - _MIN_MARGIN:
         raise ShapeError(
-            f"The edge runs from sample {ends[0]:.1f} to {ends[1]:.1f} of {n}: at least {_BESIDE} "
-            "are needed on both of its sides."
+            f"The edge must have at least {_MIN_MARGIN} samples on both sides; it runs from sample "
+            f"{ends[0]:.1f} to {ends[1]:.1f} of {n}."
         )
 
 
 def _edge_spread(lines: Values, start: float, slope: float) -> tuple[Values, Values]:
-    """Offsets in samples along the line and mean values of the bins that all lines reach.
+    """Return bin centres in samples along the line, and mean values, for bins that all lines reach.
 
-    Samples that lie within 1/32 of one another are averaged; the mean over a bin is that of the
-    straight lines between those averages, so that it does not matter how they crowd in it.
+    Merge samples within 1/32, interpolate linearly, and average over each bin.
     """
     number, n = lines.shape
     middle = start + slope * np.arange(number)
     reach = min(middle.min(), n - 1 - middle.max())
-    half = math.floor(BINS * (reach - _CROWD) - 0.5)
+    half = math.floor(BINS * (reach - _MERGE_DISTANCE) - 0.5)
     offset = np.arange(n) - middle[:, None]
     near = np.abs(offset) <= reach
-    place = np.floor((offset[near] + reach) / _CROWD).astype(np.int64)
-    count = np.bincount(place)
-    some = count > 0
-    at, value = (np.bincount(place, v[near])[some] / count[some] for v in (offset, lines))
-    gap = float(np.diff(at).max())
-    if gap > _GAP:
+    index = np.floor((offset[near] + reach) / _MERGE_DISTANCE).astype(np.int64)
+    count = np.bincount(index)
+    is_filled = count > 0
+    positions, value = (
+        np.bincount(index, v[near])[is_filled] / count[is_filled] for v in (offset, lines)
+    )
+    gap = float(np.diff(positions).max())
+    if gap > _MAX_GAP:
         raise ValueError(
-            f"Distances from the edge are {gap:.2g} samples apart, more than {_GAP}: its slope of "
-            f"{slope:.4g} samples a line is nearly a fraction of few parts; turn it a little."
+            f"Distances from the edge have gaps of {gap:.2g} samples, above {_MAX_GAP}: the slope "
+            f"of {slope:.4g} samples a line is nearly a simple fraction; rotate the edge slightly."
         )
     bins = np.arange(-half, half + 1) / BINS
-    parts = ((np.arange(_PARTS) + 0.5) / _PARTS - 0.5) / BINS
-    return bins, np.interp(bins[:, None] + parts, at, value).mean(axis=1)
+    points = ((np.arange(_BIN_POINTS) + 0.5) / _BIN_POINTS - 0.5) / BINS
+    return bins, np.interp(bins[:, None] + points, positions, value).mean(axis=1)
 
 
-def _transformed(spread: Values, length: float) -> Curve:
-    """The transfer function of an edge spread function, ``length`` metres a sample."""
+def _edge_transfer(spread: Values, length: float) -> Curve:
+    """Return the transfer function of an edge spread function sampled every ``length`` m."""
     from scipy.signal.windows import tukey
 
     line = np.diff(spread)

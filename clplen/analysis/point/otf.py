@@ -1,4 +1,4 @@
-"""Optical transfer functions of point spread functions, and what they are in closed form.
+"""Optical transfer functions of point spread functions, and closed forms of ideal apertures.
 
 Goodman, Introduction to Fourier Optics, 3rd edition, 2005, sections 2.1 and 6.3.
 """
@@ -22,21 +22,21 @@ from clplen.wave.systems.pupil_filter import otf as ideal_otf
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Curve(OneLine, Plottable):
-    """Contrast against spatial frequency.
+    """Contrast over spatial frequency.
 
     Attributes
     ----------
     frequency : numpy.ndarray
-        Cycles a metre, ascending from 0, float64, shape (n,).
+        Frequencies in cycles a metre, ascending from 0, float64, shape (n,).
     value : numpy.ndarray
         Contrast, 1 at frequency 0, float64, shape (n,).
 
     Raises
     ------
     ShapeError
-        If the two have not the same length, at least 2.
+        If the arrays differ in length or have fewer than 2 samples.
     ValueError
-        If a number is not finite or the frequencies do not ascend.
+        If a value is not finite or the frequencies do not ascend.
 
     Examples
     --------
@@ -56,110 +56,110 @@ class Curve(OneLine, Plottable):
         f, v = (np.array(a, np.float64) for a in (self.frequency, self.value))
         if f.ndim != 1 or f.shape != v.shape or f.size < 2:
             raise ShapeError(
-                f"A curve has as many frequencies as values, at least 2, not {f.shape} and "
+                f"frequency and value must have equal lengths of at least 2, got {f.shape} and "
                 f"{v.shape}."
             )
         if not (np.isfinite(f).all() and np.isfinite(v).all() and (np.diff(f) > 0).all()):
-            raise ValueError("The frequencies of a curve ascend, and all its numbers are finite.")
+            raise ValueError("frequency and value must be finite, and frequency must ascend.")
         object.__setattr__(self, "frequency", f)
         object.__setattr__(self, "value", v)
 
     def at(self, value: float) -> float:
-        """The frequency of a contrast: where the curve first falls below it.
+        """Return the frequency at which the curve first falls below a contrast.
 
-        Between samples by a straight line. MTF50 is ``at(0.5)``, MTF10 ``at(0.1)``.
+        Samples are interpolated linearly. MTF50 is ``at(0.5)``, MTF10 ``at(0.1)``.
 
         Parameters
         ----------
         value : float
-            Between 0 and 1.
+            Contrast between 0 and 1.
 
         Returns
         -------
         float
-            Cycles a metre; NaN where the curve never falls so low.
+            Frequency in cycles a metre; NaN if the curve does not reach the contrast.
 
         Raises
         ------
         ValueError
-            For another contrast.
+            If the contrast is outside.
         """
         if not 0 < value < 1:
-            raise ValueError(f"A contrast to look for lies between 0 and 1, not {value!r}.")
+            raise ValueError(f"value must be a contrast between 0 and 1, got {value!r}.")
         return first_fall(self.frequency, self.value, value)
 
     def contrast(self, frequency: Any) -> Any:
-        """The contrast at frequencies, between samples by a straight line.
+        """Interpolate the contrast linearly at frequencies.
 
         Parameters
         ----------
         frequency : array_like
-            Cycles a metre.
+            Frequencies in cycles a metre.
 
         Returns
         -------
         numpy.ndarray or float
-            NaN outside the curve.
+            Contrast; NaN outside the curve.
         """
-        found = np.interp(frequency, self.frequency, self.value, left=np.nan, right=np.nan)
-        return float(found) if np.ndim(found) == 0 else found
+        values = np.interp(frequency, self.frequency, self.value, left=np.nan, right=np.nan)
+        return float(values) if np.ndim(values) == 0 else values
 
     def floor(self, beyond: float) -> float:
-        """rms of the curve beyond a frequency where no signal can be: its noise floor.
+        """Compute the noise floor: the rms of the curve beyond the signal's highest frequency.
 
         Parameters
         ----------
         beyond : float
-            Cycles a metre.
+            Highest frequency of the signal, in cycles a metre.
 
         Raises
         ------
         ValueError
-            If the curve ends before it.
+            If the curve ends before this frequency.
         """
-        rest = self.value[self.frequency > beyond]
-        if not rest.size:
+        tail = self.value[self.frequency > beyond]
+        if not tail.size:
             raise ValueError(
-                f"The curve ends at {self.frequency[-1]:.6g} cycles/m, not beyond {beyond!r}."
+                f"beyond must be below {self.frequency[-1]:.6g} cycles/m, got {beyond!r}."
             )
-        return float(np.sqrt(np.mean(rest**2)))
+        return float(np.sqrt(np.mean(tail**2)))
 
     def cutoff(self, *, level: float = 0.01, noise: float = 0.0) -> float:
-        """The first frequency from which on the curve stays at or below ``level + noise``.
+        """Return the frequency beyond which the curve stays at or below ``level + noise``.
 
-        Zeros between lobes are passed over, unlike by `at`.
+        Unlike `at`, it skips zeros between lobes.
 
         Parameters
         ----------
         level : float
-            Contrast that counts as nothing.
+            Contrast that counts as zero.
         noise : float
-            Noise floor, such as `floor` gives.
+            Noise floor, such as `floor` returns.
 
         Returns
         -------
         float
-            Cycles a metre, between samples by a straight line; NaN where the curve ends above.
+            Frequency in cycles a metre, interpolated linearly; NaN if the curve ends above.
 
         Raises
         ------
         ValueError
-            If a number is negative, or their sum is 0 or not below 1.
+            If a value is negative, or the sum is 0 or not below 1.
         """
-        least = level + noise
-        if not (level >= 0 and noise >= 0 and 0 < least < 1):
+        threshold = level + noise
+        if not (level >= 0 and noise >= 0 and 0 < threshold < 1):
             raise ValueError(
-                f"level and noise are not negative and sum to between 0 and 1, not to {level!r} "
-                f"+ {noise!r}."
+                f"level and noise must not be negative and sum to between 0 and 1, got {level!r} "
+                f"and {noise!r}."
             )
-        above = np.flatnonzero(self.value > least)
+        above = np.flatnonzero(self.value > threshold)
         if not above.size:
             return float(self.frequency[0])
         k = int(above[-1])
         if k + 1 == self.value.size:
             return float("nan")
         (f0, f1), (v0, v1) = self.frequency[k : k + 2], self.value[k : k + 2]
-        return float(f0 + (f1 - f0) * (v0 - least) / (v0 - v1))
+        return float(f0 + (f1 - f0) * (v0 - threshold) / (v0 - v1))
 
 
 Complex = np.ndarray[Any, np.dtype[np.complex128]]
@@ -167,18 +167,18 @@ Complex = np.ndarray[Any, np.dtype[np.complex128]]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class OTF(Plottable, HostArray):
-    """Fourier transform of an intensity over its value at frequency 0 (Goodman 2005, sec. 6.3.1).
+    """Optical transfer function, normalised to 1 at frequency 0 (Goodman 2005, sec. 6.3.1).
 
-    Made by `OTF.of`.
+    Create it with `OTF.of`.
 
     Attributes
     ----------
     values : numpy.ndarray
-        complex128, shape (ny, nx), frequencies ascending, 0 at (ny//2, nx//2).
+        Transfer function, complex128, shape (ny, nx), frequencies ascending, 0 at (ny//2, nx//2).
     fy, fx : numpy.ndarray
-        Cycles a metre, float64, shapes (ny,) and (nx,).
+        Frequencies in cycles a metre, float64, shapes (ny,) and (nx,).
     centre : tuple of float
-        (y, x) in metres, to which phases refer.
+        Origin (y, x) of the phases, in metres.
 
     Examples
     --------
@@ -198,16 +198,17 @@ class OTF(Plottable, HostArray):
 
     @classmethod
     def of(cls, psf: PSF, *, pad: float = 2, centre: Pair | None = None) -> OTF:
-        """The transfer function int I(x) exp(-2 pi i f (x - centre)) dx / int I(x) dx.
+        """Compute the transfer function int I(x) exp(-2 pi i f (x - centre)) dx / int I(x) dx.
 
         Parameters
         ----------
         psf : PSF
+            Point spread function.
         pad : float
-            Length of the transform over that of the window, at least 1: how finely it is sampled.
+            Length of the transform over that of the window, at least 1; it sets the frequency step.
         centre : tuple of float, optional
-            (y, x) in metres; default the centroid of I^2, so that of a symmetric function no phase
-            is left.
+            Origin (y, x) in metres; default the centroid of I^2, so that a symmetric function has
+            no phase.
 
         Raises
         ------
@@ -215,7 +216,7 @@ class OTF(Plottable, HostArray):
             If ``pad`` is less than 1.
         """
         if not (np.isfinite(pad) and pad >= 1):
-            raise ValueError(f"pad is at least 1, not {pad!r}.")
+            raise ValueError(f"pad must be at least 1, got {pad!r}.")
         middle = psf.centroid() if centre is None else centre
         ny, nx = (int(np.ceil(n * pad)) for n in psf.values.shape)
         fy, fx = (np.fft.fftfreq(n, d) for n, d in zip((ny, nx), psf.pitch, strict=True))
@@ -230,39 +231,39 @@ class OTF(Plottable, HostArray):
         return f"<OTF {ny} x {nx}, up to {-self.fy[0]:.4g} x {-self.fx[0]:.4g} cycles/m>"
 
     def mtf(self, axis: int) -> Curve:
-        """Modulus along one axis, at frequency 0 of the other one.
+        """Return the modulus along one axis, at frequency 0 of the other axis.
 
         Parameters
         ----------
         axis : int
-            0 along y, 1 along x.
+            Axis: 0 for y, 1 for x.
 
         Returns
         -------
         Curve
-            From 0 to half a cycle a sample of the point spread function.
+            Contrast from 0 to half a cycle per sample of the point spread function.
         """
         axis = check_axis(axis)
         ny, nx = self.values.shape
         line = self.values[ny // 2] if axis == 1 else self.values[:, nx // 2]
         f = self.fx if axis == 1 else self.fy
-        kept = (np.arange(f.size // 2 + 1) + f.size // 2) % f.size
-        return Curve(np.abs(f[kept]), np.abs(line[kept]))
+        indices = (np.arange(f.size // 2 + 1) + f.size // 2) % f.size
+        return Curve(np.abs(f[indices]), np.abs(line[indices]))
 
 
 def square_mtf(frequency: Any, *, wavelength: float, distance: float, width: float) -> Values:
-    """Return the transfer function of a square aperture along one of its sides: 1 - f lam a/d.
+    """Compute the transfer function 1 - f lam a/d of a square aperture along its side.
 
     Goodman 2005, section 6.3.3; 0 from the cut-off d/(lam a) on.
 
     Parameters
     ----------
     frequency : array_like
-        Frequency f in cycles a metre, on the plane from which the aperture is seen.
+        Frequency f in cycles a metre, on the image plane.
     wavelength : float
         Wavelength lam in metres.
     distance : float
-        Distance a in metres, from the aperture to that plane.
+        Distance a from the aperture to the image plane, in metres.
     width : float
         Side d of the square in metres.
 
@@ -287,7 +288,7 @@ def square_mtf(frequency: Any, *, wavelength: float, distance: float, width: flo
 
 
 def circular_mtf(frequency: Any, *, wavelength: float, distance: float, width: float) -> Values:
-    """Return the transfer function of a circular aperture.
+    """Compute the transfer function of a circular aperture.
 
     It is (2/pi)(acos s - s sqrt(1 - s^2)) with s = f lam a/d (Goodman 2005, section 6.3.3); 0 from
     the cut-off d/(lam a) on.
@@ -295,11 +296,11 @@ def circular_mtf(frequency: Any, *, wavelength: float, distance: float, width: f
     Parameters
     ----------
     frequency : array_like
-        Frequency f in cycles a metre, on the plane from which the aperture is seen.
+        Frequency f in cycles a metre, on the image plane.
     wavelength : float
         Wavelength lam in metres.
     distance : float
-        Distance a in metres, from the aperture to that plane.
+        Distance a from the aperture to the image plane, in metres.
     width : float
         Diameter d in metres.
 
@@ -324,7 +325,7 @@ def circular_mtf(frequency: Any, *, wavelength: float, distance: float, width: f
 
 
 def pixel_mtf(frequency: Any, *, width: float) -> Values:
-    """Return the transfer function abs(sinc(f w)) of a pixel that is evenly sensitive.
+    """Compute the transfer function abs(sinc(f w)) of a uniformly sensitive pixel.
 
     Goodman 2005, section 2.1: the transform of a rectangle.
 
@@ -352,11 +353,11 @@ def pixel_mtf(frequency: Any, *, width: float) -> Values:
     [1.0, 0.637, 0.0]
     """
     check_positive(width=width)
-    with np.errstate(invalid="ignore"):  # of infinite frequencies
+    with np.errstate(invalid="ignore"):  # infinite frequencies
         return np.abs(np.sinc(real_array(frequency, "frequency", np.float64) * width))
 
 
 def _fraction(frequency: Any, wavelength: float, distance: float, width: float) -> Values:
-    """Frequency over the incoherent cut-off."""
+    """Return the frequency over the incoherent cut-off."""
     check_positive(wavelength=wavelength, distance=distance, width=width)
     return real_array(frequency, "frequency", np.float64) * (wavelength * distance / width)

@@ -1,1 +1,1 @@
-"""Comparisons in words: a `Comparison` comes in; tables and Markdown text leave."""
+"""Tables and Markdown reports of a `Comparison`."""

@@ -1,4 +1,4 @@
-"""Why a camera's numbers are what they are: said only where the reason makes such a number."""
+"""Causes of a camera's numbers, stated only where the cause alone predicts such a number."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from clplen.analysis.cameras.imaging import is_focused
 from clplen.cameras.description import aberration_rows
 from clplen.cameras.optics.camera_aberrations import NONE
 
-EXPLAINS = 1.5  # ratio up to which what a reason alone would make is taken for what is measured
+MAX_RATIO = 1.5  # largest ratio of predicted and measured number that a cause explains
 
 
 @dataclass(frozen=True)
 class Blur:
-    """What spreads a point on the main lens' image, and what it alone would leave."""
+    """Blur of a point on the main lens' image, with the resolution that it alone allows."""
 
     name: str
     width: float  # lam a/d of an aperture, the side of a pixel or lenslet, in metres
@@ -28,27 +28,27 @@ class Blur:
     peak: float
 
 
-_BOX = (0.603, 1.0, 0.51, 1.0)  # evenly over a square
-_SQUARE = (0.5, 1.0, 0.88, 1.0)  # sinc^2 of both axes
+_BOX = (0.603, 1.0, 0.51, 1.0)  # uniform square
+_SQUARE = (0.5, 1.0, 0.88, 1.0)  # sinc^2 along both axes
 _ROUND = (0.404, 1.16, 0.9, math.pi / 4)  # Airy's pattern
 
 
-def places(one: Measured) -> str:
-    """Of the places along x."""
-    c: Any = one.camera
+def spatial_samples(measured: Measured) -> str:
+    """Describe the origin of the number of spatial samples along x."""
+    c: Any = measured.camera
     if is_focused(c):
         return f"abs(m) = {abs(c.m):.3g} of {c.grid.shape[1]} pixels a row"
-    return f"one a lenslet, {one.sampling.views:.3g} pixels each"
+    return f"one a lenslet, {measured.sampling.views:.3g} pixels each"
 
 
-def views(one: Measured) -> str:
-    """Of the independent directions."""
-    s = one.sampling
-    if is_focused(cast(Any, one.camera)):
+def views(measured: Measured) -> str:
+    """Describe the origin of the number of independent directions."""
+    s = measured.sampling
+    if is_focused(cast(Any, measured.camera)):
         step = s.angular_step * 1e3
         return f"light of a point meets D abs(a)/(F p) lenslets a row, {step:.3g} mrad apart"
     if s.independent_views < s.views:
-        mla: Any = one.camera.mla
+        mla: Any = measured.camera.mla
         return (
             f"{s.views:.3g} pixels a lenslet, blurred by its diffraction to d^2/(lam f_mu), d = "
             f"{mla.diameter * 1e6:.4g} um, f_mu = {mla.focal_length * 1e3:.3g} mm"
@@ -56,83 +56,85 @@ def views(one: Measured) -> str:
     return f"one a pixel of a lenslet, {s.angular_step * 1e3:.3g} mrad apart"
 
 
-def frequency(one: Measured) -> str:
-    """Of the usable MTF50."""
-    mtf50, nyquist, blur = one.mtf().at(0.5), one.sampling.nyquist, _widest(one)
+def frequency(measured: Measured) -> str:
+    """Describe the limit of the usable MTF50."""
+    mtf50, nyquist, blur = measured.mtf().at(0.5), measured.sampling.nyquist, _widest(measured)
     if not mtf50 < nyquist:
-        return f"limited by its samples, {one.sampling.spatial_pitch * 1e6:.4g} um apart"
-    return _limited(one, blur.mtf50 / blur.width / mtf50)
+        return f"limited by its samples, {measured.sampling.spatial_pitch * 1e6:.4g} um apart"
+    return _limited(measured, blur.mtf50 / blur.width / mtf50)
 
 
-def limit(one: Measured) -> str:
-    """Of the usable two-point limit."""
-    found, blur = one.two_point_limit(), _widest(one)
-    if 2 * one.sampling.spatial_pitch > found:
-        return f"two samples; its blur alone would allow {found * 1e6:.4g} um"
-    return _limited(one, found / (blur.limit * blur.width))
+def limit(measured: Measured) -> str:
+    """Describe the limit of the usable two-point separation."""
+    separation, blur = measured.two_point_limit(), _widest(measured)
+    if 2 * measured.sampling.spatial_pitch > separation:
+        return f"two samples; its blur alone would allow {separation * 1e6:.4g} um"
+    return _limited(measured, separation / (blur.limit * blur.width))
 
 
-def peak(one: Measured) -> str:
-    """Of the Strehl ratio; by widths, the roots of areas."""
-    c, blur = one.camera, _widest(one)
-    alone = math.pi / 4 * (c.aperture_diameter / (c.wavelength * c.image_distance)) ** 2
-    return _limited(one, math.sqrt(blur.peak / blur.width**2 / alone / one.strehl()))
-
-
-def radius(one: Measured) -> str:
-    """Of the radius of 80 % of the light."""
-    blur = _widest(one)
-    return _limited(one, one.radius(0.8) / (blur.radius * blur.width))
-
-
-def crosstalk(one: Measured) -> str:
-    """By the tails of a lenslet's pattern, 4/(pi^2 N) of the light with N = d^2/(lam b).
-
-    Of sinc^2 the share 1/(pi^2 X) lies beyond X lam b/d to either side of the centre, in the mean
-    over its zeros; a cell ends at X = N/2, along both axes.
-    """
-    assert one.crosstalk is not None
-    c: Any = one.camera
-    number = c.mla.diameter**2 / (c.wavelength * c.sensor_distance)
-    tails = 4 / (math.pi**2 * number)
-    if _explains(one.crosstalk / tails):
-        return (
-            f"the tails of a lenslet's diffraction, {100 * tails:.2g} % at a Fresnel number "
-            f"d^2/(lam b) of {number:.3g}{_beside(one)}"
-        )
-    return _worse(one, one.crosstalk / tails)
-
-
-def depth(one: Measured) -> str:
-    """What depth is measured by."""
-    c: Any = one.camera
-    if is_focused(c):
-        where = "before" if c.a > 0 else "behind"
-        return (
-            f"measured by the pitch of spots, {one.sampling.views:.2g} in a row at dz = 0, the "
-            f"image {abs(c.a) * 1e3:.3g} mm {where} the array{_beside(one)}"
-        )
-    return (
-        f"measured by blur over {c.aperture_diameter * 1e3:.3g} mm of the main lens, in focus "
-        f"within p/D = {c.mla.pitch / c.aperture_diameter:.2g} of F/F'{_beside(one)}"
+def peak(measured: Measured) -> str:
+    """Describe the limit of the Strehl ratio, compared by widths (roots of areas)."""
+    c, blur = measured.camera, _widest(measured)
+    reference_peak = math.pi / 4 * (c.aperture_diameter / (c.wavelength * c.image_distance)) ** 2
+    return _limited(
+        measured, math.sqrt(blur.peak / blur.width**2 / reference_peak / measured.strehl())
     )
 
 
-def depth_range(one: Measured) -> str:
-    """Where no depth is measured."""
-    assert one.depth is not None
-    failed = [k for k, note in enumerate(one.depth.notes) if note]
+def radius(measured: Measured) -> str:
+    """Describe the limit of the radius of 80 % of the light."""
+    blur = _widest(measured)
+    return _limited(measured, measured.radius(0.8) / (blur.radius * blur.width))
+
+
+def crosstalk(measured: Measured) -> str:
+    """Describe the cause of crosstalk: tails of a lenslet's pattern, or aberrations.
+
+    Beyond X lam b/d on either side, sinc^2 has the share 1/(pi^2 X), averaged over its zeros. A
+    cell ends at X = N/2, N = d^2/(lam b); both axes together give tails of 4/(pi^2 N).
+    """
+    assert measured.crosstalk is not None
+    c: Any = measured.camera
+    number = c.mla.diameter**2 / (c.wavelength * c.sensor_distance)
+    tails = 4 / (math.pi**2 * number)
+    if _explains(measured.crosstalk / tails):
+        return (
+            f"the tails of a lenslet's diffraction, {100 * tails:.2g} % at a Fresnel number "
+            f"d^2/(lam b) of {number:.3g}{_with_aberrations(measured)}"
+        )
+    return _worse(measured, measured.crosstalk / tails)
+
+
+def depth(measured: Measured) -> str:
+    """Describe the cue that measures depth."""
+    c: Any = measured.camera
+    if is_focused(c):
+        side = "before" if c.a > 0 else "behind"
+        return (
+            f"measured by the pitch of spots, {measured.sampling.views:.2g} in a row at dz = 0, "
+            f"the image {abs(c.a) * 1e3:.3g} mm {side} the array{_with_aberrations(measured)}"
+        )
+    return (
+        f"measured by blur over {c.aperture_diameter * 1e3:.3g} mm of the main lens, in focus "
+        f"within p/D = {c.mla.pitch / c.aperture_diameter:.2g} of F/F'{_with_aberrations(measured)}"
+    )
+
+
+def depth_range(measured: Measured) -> str:
+    """List the depths that could not be measured, with the reason."""
+    assert measured.depth is not None
+    failed = [k for k, note in enumerate(measured.depth.notes) if note]
     if not failed:
         return ""
-    where = ", ".join(f"{one.depth.dz[k] * 1e3:g}" for k in failed)
-    first = one.depth.notes[failed[0]]
-    same = all(one.depth.notes[k] == first for k in failed)
-    return f"not at dz = {where} mm ({'' if same else 'at the first: '}{first.rstrip('.')})"
+    depths = ", ".join(f"{measured.depth.dz[k] * 1e3:g}" for k in failed)
+    first = measured.depth.notes[failed[0]]
+    is_common = all(measured.depth.notes[k] == first for k in failed)
+    return f"not at dz = {depths} mm ({'' if is_common else 'at the first: '}{first.rstrip('.')})"
 
 
-def _widest(one: Measured) -> Blur:
-    """The widest of what spreads a point without aberrations: main lens, lenslet, sample."""
-    c: Any = one.camera
+def _widest(measured: Measured) -> Blur:
+    """Return the widest blur without aberrations: main lens, lenslet or sample."""
+    c: Any = measured.camera
     main = c.wavelength * c.image_distance / c.aperture_diameter
     blurs = [Blur("diffraction by the main lens", main, *_ROUND)]
     if is_focused(c):
@@ -145,38 +147,41 @@ def _widest(one: Measured) -> Blur:
     return max(blurs, key=lambda blur: blur.width)
 
 
-def _limited(one: Measured, ratio: float) -> str:
-    """By the widest blur where it alone makes such a number, else by aberrations, or not said."""
+def _limited(measured: Measured, ratio: float) -> str:
+    """Name the widest blur if it explains the number, else aberrations or nothing."""
     if not _explains(ratio):
-        return _worse(one, ratio)
-    blur = _widest(one)
-    return f"limited by {blur.name}, {blur.width * 1e6:.4g} um on the main image{_beside(one)}"
+        return _worse(measured, ratio)
+    blur = _widest(measured)
+    width = f"{blur.width * 1e6:.4g} um on the main image"
+    return f"limited by {blur.name}, {width}{_with_aberrations(measured)}"
 
 
 def _explains(ratio: float) -> bool:
-    return 1 / EXPLAINS < ratio < EXPLAINS
+    return 1 / MAX_RATIO < ratio < MAX_RATIO
 
 
-def _worse(one: Measured, ratio: float) -> str:
-    """Aberrations, where a number is worse than it would be without."""
-    said = _aberrations(one)
-    return f"worse than diffraction and samples alone make it; {said}" if said and ratio > 1 else ""
+def _worse(measured: Measured, ratio: float) -> str:
+    """Name the aberrations if the number is worse than without them."""
+    cause = _aberrations(measured)
+    return (
+        f"worse than diffraction and samples alone make it; {cause}" if cause and ratio > 1 else ""
+    )
 
 
-def _beside(one: Measured) -> str:
-    said = _aberrations(one)
-    return f"; beside it {said}" if said else ""
+def _with_aberrations(measured: Measured) -> str:
+    cause = _aberrations(measured)
+    return f"; in addition {cause}" if cause else ""
 
 
-def _aberrations(one: Measured) -> str:
-    """The aberrations of a camera in words, or nothing."""
-    c = one.camera
+def _aberrations(measured: Measured) -> str:
+    """List the aberrations of a camera, or return an empty string."""
+    c = measured.camera
     if c.aberrations == NONE:
         return ""
-    found = aberration_rows(c.aberrations, c.wavelength)
+    rows = aberration_rows(c.aberrations, c.wavelength)
     scales = {"m": (1e6, "um"), "rad": (1e3, "mrad"), "": (1.0, "")}
-    words = []
-    for row in found:
+    texts = []
+    for row in rows:
         factor, unit = scales[row.unit]
-        words.append(f"{row.name} {row.value * factor:.3g} {unit}".rstrip())
-    return f"aberrations: {', '.join(words)}"
+        texts.append(f"{row.name} {row.value * factor:.3g} {unit}".rstrip())
+    return f"aberrations: {', '.join(texts)}"

@@ -1,4 +1,4 @@
-"""A comparison of cameras as Markdown: one table, and which camera is best at what and why."""
+"""Markdown report of a comparison: a table, and the best camera for each criterion with causes."""
 
 from __future__ import annotations
 
@@ -15,122 +15,132 @@ from clplen.analysis.cameras.sampling import ROWS
 from clplen.analysis.report import reasons
 from clplen.analysis.report.tables import summary_values
 
-EQUAL = 1.05  # ratio up to which two numbers count as the same
+MAX_TIE_RATIO = 1.05  # largest ratio of two numbers that counts as a tie
 
 
 @dataclass(frozen=True)
 class Criterion:
-    """One number of a camera, and how it is said."""
+    """Number of a camera, with its presentation and cause."""
 
-    analysis: str  # that it belongs to
+    analysis: str  # name in `ANALYSES`
     name: str
-    value: Callable[[Measured], float]  # of a `Measured`; NaN where it has none
+    value: Callable[[Measured], float]  # NaN where the camera has no such number
     more_is_better: bool
-    scale: float  # from SI units to those shown
+    scale: float  # from SI units to ``unit``
     unit: str
-    # what sets the number of a `Measured`, in words; empty where nothing known does
-    why: Callable[[Measured], str]
+    # cause of the number of a `Measured`; empty if unknown
+    cause: Callable[[Measured], str]
 
 
-def usable_mtf50(one: Measured) -> float:
-    """The lower of MTF50 and the samples' Nyquist frequency, along x."""
-    return float(np.fmin(one.mtf().at(0.5), one.sampling.nyquist))
+def usable_mtf50(measured: Measured) -> float:
+    """Return the lower of MTF50 and the samples' Nyquist frequency, along x."""
+    return float(np.fmin(measured.mtf().at(0.5), measured.sampling.nyquist))
 
 
-def usable_limit(one: Measured) -> float:
-    """The larger of the two-point limit and two samples, along x."""
-    return max(one.two_point_limit(), 2 * one.sampling.spatial_pitch)
+def usable_limit(measured: Measured) -> float:
+    """Return the larger of the two-point limit and two samples, along x."""
+    return max(measured.two_point_limit(), 2 * measured.sampling.spatial_pitch)
 
 
 def criteria(comparison: Comparison) -> list[Criterion]:
-    """Those for which a comparison has numbers."""
+    """Return the criteria for which a comparison has numbers."""
     shared = common_depths(comparison)
-    every = [
+    table = [
         Criterion(
-            "sampling", "places along x", lambda one: one.sampling.spatial_samples, True, 1.0, "",
-            reasons.places,
+            "sampling", "places along x", lambda c: c.sampling.spatial_samples, True, 1.0, "",
+            reasons.spatial_samples,
         ),
         Criterion(
-            "sampling", "independent directions", lambda one: one.sampling.independent_views, True,
+            "sampling", "independent directions", lambda c: c.sampling.independent_views, True,
             1.0, "", reasons.views,
         ),
         Criterion("mtf", "usable MTF50", usable_mtf50, True, 1e-3, "cycles/mm", reasons.frequency),
         Criterion("two-points", "two-point limit", usable_limit, False, 1e6, "um", reasons.limit),
         Criterion("strehl", "Strehl ratio", Measured.strehl, True, 1.0, "", reasons.peak),
         Criterion(
-            "energy", "radius of 80 % of the light", lambda one: one.radius(0.8), False, 1e6, "um",
+            "energy", "radius of 80 % of the light", lambda c: c.radius(0.8), False, 1e6, "um",
             reasons.radius,
         ),
         Criterion(
-            "crosstalk", "crosstalk", lambda one: _known(one.crosstalk), False, 100.0, "%",
+            "crosstalk", "crosstalk", lambda c: _number_or_nan(c.crosstalk), False, 100.0, "%",
             reasons.crosstalk,
         ),
         Criterion(
             "depth", "depths measured",
-            lambda one: _known(None if one.depth is None else np.isfinite(one.depth.rms).sum()),
+            lambda c: _number_or_nan(None if c.depth is None else np.isfinite(c.depth.rms).sum()),
             True, 1.0, "", reasons.depth_range,
         ),
         Criterion(
-            "depth", "rms depth error where all measure", lambda one: depth_rms(one, shared), False,
+            "depth", "rms depth error where all measure", lambda c: depth_rms(c, shared), False,
             1e3, "mm", reasons.depth,
         ),
     ]  # fmt: skip
-    return [one for one in every if one.analysis in comparison.analyses]
+    return [criterion for criterion in table if criterion.analysis in comparison.analyses]
 
 
 def common_depths(comparison: Comparison) -> Any:
-    """Which depths every camera has measured, or None where none was asked for."""
-    known = [np.isfinite(one.depth.rms) for one in comparison.cameras if one.depth is not None]
-    return np.logical_and.reduce(known) if known else None
+    """Return a mask of the depths that every camera measured; None without depth errors."""
+    masks = [
+        np.isfinite(measured.depth.rms)
+        for measured in comparison.cameras
+        if measured.depth is not None
+    ]
+    return np.logical_and.reduce(masks) if masks else None
 
 
-def depth_rms(one: Measured, chosen: Any) -> float:
-    """rms error over some of the depths, in metres; NaN where there is none."""
-    if one.depth is None or chosen is None or not np.any(chosen):
+def depth_rms(measured: Measured, mask: Any) -> float:
+    """Return the rms error over selected depths in metres; NaN for an empty selection."""
+    if measured.depth is None or mask is None or not np.any(mask):
         return math.nan
-    return float(np.sqrt(np.mean(one.depth.errors[chosen] ** 2)))
+    return float(np.sqrt(np.mean(measured.depth.errors[mask] ** 2)))
 
 
 def judge(criterion: Criterion, cameras: Sequence[Measured]) -> str:
-    """One sentence: who is best, by how much, and what limits each."""
-    numbers = [(criterion.value(one) * criterion.scale, one) for one in cameras]
-    known = [(value, one) for value, one in numbers if math.isfinite(value)]
-    if not known:
+    """Return a sentence with the best camera, the ratios and the causes."""
+    numbers = [(criterion.value(measured) * criterion.scale, measured) for measured in cameras]
+    ranked = [(value, measured) for value, measured in numbers if math.isfinite(value)]
+    if not ranked:
         return f"**{criterion.name}**: no camera has one."
-    order = sorted(known, key=lambda pair: pair[0], reverse=criterion.more_is_better)
-    said = "; ".join(f"{_number(value, criterion.unit)} of `{one.name}`" for value, one in order)
-    missing = [f"none of `{one.name}`" for value, one in numbers if not math.isfinite(value)]
-    said = "; ".join([said, *missing])
-    why = _reasons(criterion, order)
-    return f"**{criterion.name}**: {_verdict(criterion, order)} {said}. {why}".rstrip()
+    order = sorted(ranked, key=lambda pair: pair[0], reverse=criterion.more_is_better)
+    numbers_text = "; ".join(
+        f"{_number(value, criterion.unit)} of `{measured.name}`" for value, measured in order
+    )
+    missing = [
+        f"none of `{measured.name}`" for value, measured in numbers if not math.isfinite(value)
+    ]
+    numbers_text = "; ".join([numbers_text, *missing])
+    causes = _reasons(criterion, order)
+    return f"**{criterion.name}**: {_verdict(criterion, order)} {numbers_text}. {causes}".rstrip()
 
 
 def depth_verdicts(comparison: Comparison) -> list[str]:
-    """Who resolves most at which depths: a sentence for each run of depths."""
-    cameras = [one for one in comparison.cameras if one.transfer is not None]
+    """Return a sentence for each run of depths with the camera that resolves most."""
+    cameras = [measured for measured in comparison.cameras if measured.transfer is not None]
     if not cameras:
         return []
     depths = cameras[0].transfer.dz  # type: ignore[union-attr]
     best: list[tuple[float, str, list[float]]] = []
     for k, dz in enumerate(depths):
-        values = [usable_over_depth(one)[k] for one in cameras]
+        values = [usable_over_depth(measured)[k] for measured in cameras]
         name = "none" if np.isnan(values).all() else cameras[int(np.nanargmax(values))].name
         best.append((float(dz), name, values))
     lines = []
     for first, last in _runs([name for _, name, _ in best]):
         table = np.array([v for _, _, v in best[first : last + 1]]) * 1e-3
         span = _span(best[first][0], best[last][0])
-        numbers = ", ".join(f"`{one.name}` {_range(table[:, k])}" for k, one in enumerate(cameras))
+        numbers = ", ".join(
+            f"`{measured.name}` {_range(table[:, k])}" for k, measured in enumerate(cameras)
+        )
         lines.append(f"at dz {span}: `{best[first][1]}` ({numbers} cycles/mm of the object)")
     return lines
 
 
-def usable_over_depth(one: Measured) -> Any:
-    """The lower of MTF50 and Nyquist's frequency of the object, at every depth of `transfer`."""
-    assert one.transfer is not None
-    limits = [object_nyquist(one.camera, float(dz)) for dz in one.transfer.dz]
-    known = np.array([curve is not None for curve in one.transfer.curves])
-    return np.where(known, np.fmin(one.transfer.mtf50, limits), np.nan)
+def usable_over_depth(measured: Measured) -> Any:
+    """Return the lower of MTF50 and the object's Nyquist frequency at every depth."""
+    assert measured.transfer is not None
+    limits = [object_nyquist(measured.camera, float(dz)) for dz in measured.transfer.dz]
+    has_curve = np.array([curve is not None for curve in measured.transfer.curves])
+    return np.where(has_curve, np.fmin(measured.transfer.mtf50, limits), np.nan)
 
 
 def _verdict(criterion: Criterion, order: list[tuple[float, Measured]]) -> str:
@@ -139,11 +149,15 @@ def _verdict(criterion: Criterion, order: list[tuple[float, Measured]]) -> str:
     best = order[0][0]
     pairs = [(best, v) if criterion.more_is_better else (v, best) for v, _ in order]
     lags = [_ratio(more, less) for more, less in pairs]
-    first = [f"`{one.name}`" for lag, (_, one) in zip(lags, order, strict=True) if lag < EQUAL]
+    first = [
+        f"`{measured.name}`"
+        for lag, (_, measured) in zip(lags, order, strict=True)
+        if lag < MAX_TIE_RATIO
+    ]
     if len(first) == len(order):
         return "no difference,"
     if len(first) > 1:
-        return f"{', '.join(first)} win alike:"
+        return f"{', '.join(first)} are equally good:"
     if math.isinf(lags[1]):
         return f"{first[0]} wins:"
     return f"{first[0]} wins by a factor of {lags[1]:.3g}:"
@@ -156,35 +170,35 @@ def _ratio(more: float, less: float) -> float:
 
 
 def _reasons(criterion: Criterion, order: list[tuple[float, Measured]]) -> str:
-    """What makes the numbers; one reason cannot make two that differ."""
-    told: dict[str, list[tuple[float, str]]] = {}
-    for value, one in order:
-        told.setdefault(criterion.why(one), []).append((value, f"`{one.name}`"))
-    said = []
-    for reason, found in told.items():
-        values = [value for value, _ in found]
-        if reason and _ratio(max(values), min(values)) < EQUAL:
-            said.append(f"{', '.join(name for _, name in found)}: {reason}")
-    return "; ".join(said) + "." if said else ""
+    """Join the causes, without a cause that is shared by differing numbers."""
+    groups: dict[str, list[tuple[float, str]]] = {}
+    for value, measured in order:
+        groups.setdefault(criterion.cause(measured), []).append((value, f"`{measured.name}`"))
+    sentences = []
+    for reason, members in groups.items():
+        values = [value for value, _ in members]
+        if reason and _ratio(max(values), min(values)) < MAX_TIE_RATIO:
+            sentences.append(f"{', '.join(name for _, name in members)}: {reason}")
+    return "; ".join(sentences) + "." if sentences else ""
 
 
 def _number(value: float, unit: str) -> str:
     return f"{value:.4g} {unit}".rstrip()
 
 
-def _known(value: Any) -> float:
+def _number_or_nan(value: Any) -> float:
     return math.nan if value is None else float(value)
 
 
 def _runs(names: list[str]) -> list[tuple[int, int]]:
-    """First and last index of equal neighbours."""
-    found: list[tuple[int, int]] = []
+    """Return the first and last index of each run of equal names."""
+    runs: list[tuple[int, int]] = []
     for k, name in enumerate(names):
-        if found and names[found[-1][0]] == name:
-            found[-1] = (found[-1][0], k)
+        if runs and names[runs[-1][0]] == name:
+            runs[-1] = (runs[-1][0], k)
         else:
-            found.append((k, k))
-    return found
+            runs.append((k, k))
+    return runs
 
 
 def _span(first: float, last: float) -> str:
@@ -194,10 +208,10 @@ def _span(first: float, last: float) -> str:
 
 
 def _range(values: Any) -> str:
-    known = values[np.isfinite(values)]
-    if not known.size:
+    finite = values[np.isfinite(values)]
+    if not finite.size:
         return "none"
-    low, high = f"{known.min():.3g}", f"{known.max():.3g}"
+    low, high = f"{finite.min():.3g}", f"{finite.max():.3g}"
     return low if low == high else f"{low} to {high}"
 
 
@@ -206,14 +220,14 @@ _MILLIMETRES = ("depth", "dz")
 
 
 def report(comparison: Comparison) -> str:
-    """Markdown: the numbers of all cameras, then what follows from them."""
-    names = [f"`{one.name}`".replace("|", r"\|") for one in comparison.cameras]
+    """Return the comparison as Markdown: numbers of all cameras, then conclusions."""
+    names = [f"`{measured.name}`".replace("|", r"\|") for measured in comparison.cameras]
     lines = ["# Comparison of plenoptic cameras", ""]
     lines += [f"| | {' | '.join(names)} | unit |", "|" + "---|" * (len(names) + 2)]
     lines += [f"| {' | '.join(row)} |" for row in _rows(comparison)]
     lines += [
         "",
-        "Lengths and frequencies are those on the main lens' image, unless they are of the object.",
+        "Lengths and frequencies refer to the main lens' image, unless marked as of the object.",
         *_notes(comparison),
         "",
     ]
@@ -221,7 +235,7 @@ def report(comparison: Comparison) -> str:
         lines += ["## Which wins where, and why", ""]
     else:
         lines += ["## What limits it", ""]
-    lines += [f"- {judge(one, comparison.cameras)}" for one in criteria(comparison)]
+    lines += [f"- {judge(measured, comparison.cameras)}" for measured in criteria(comparison)]
     depths = depth_verdicts(comparison)
     if depths:
         lines.append("- **usable MTF50 over depth**, each picture focused on its depth:")
@@ -230,42 +244,48 @@ def report(comparison: Comparison) -> str:
 
 
 def _notes(comparison: Comparison) -> list[str]:
-    """What the table's numbers need to be understood."""
-    found = []
+    """Return explanations of the table's numbers."""
+    notes = []
     if "mtf" in comparison.analyses:
-        found.append(
-            "No MTF cut-off is given where contrast stays above .01 beyond the diffraction cut-off."
+        notes.append(
+            "No MTF cut-off is given where contrast stays above 0.01 beyond the diffraction limit."
         )
-    scanned = [one for one in comparison.cameras if one.transfer is not None]
-    ended = [f"`{one.name}`" for one in scanned if one.transfer and one.transfer.best_at_end]
+    scanned = [measured for measured in comparison.cameras if measured.transfer is not None]
+    ended = [
+        f"`{measured.name}`"
+        for measured in scanned
+        if measured.transfer and measured.transfer.best_at_end
+    ]
     if ended:
-        found.append(
-            f"The best focus of {', '.join(ended)} is at the end of the depths scanned: it may lie "
-            "beyond."
+        notes.append(
+            f"The best focus of {', '.join(ended)} is at the end of the depths scanned: it may be "
+            "outside."
         )
-    return found
+    return notes
 
 
 def _rows(comparison: Comparison) -> list[list[str]]:
-    rows = [["type", *(one.sampling.kind for one in comparison.cameras), ""]]
+    rows = [["type", *(measured.sampling.kind for measured in comparison.cameras), ""]]
     if "sampling" in comparison.analyses:
         for label, name, factor, unit in ROWS:
-            values = (getattr(one.sampling, name) * factor for one in comparison.cameras)
+            values = (getattr(measured.sampling, name) * factor for measured in comparison.cameras)
             rows.append([label.replace("the axis", "x"), *map(_cell, values), unit])
-    every = [summary_values(one, comparison.analyses) for one in comparison.cameras]
-    for name, (_, unit) in every[0].items():
-        if name.endswith(" y") and all(_alike(one, name) for one in every):
+    summaries = [summary_values(measured, comparison.analyses) for measured in comparison.cameras]
+    for name, (_, unit) in summaries[0].items():
+        if name.endswith(" y") and all(_alike(measured, name) for measured in summaries):
             continue
-        factor, shown = _UNITS.get(unit, (1.0, unit))
+        factor, displayed_unit = _UNITS.get(unit, (1.0, unit))
         if unit == "m" and any(word in name for word in _MILLIMETRES):
-            factor, shown = 1e3, "mm"
-        rows.append([name, *(_cell(one[name][0] * factor) for one in every), shown])
+            factor, displayed_unit = 1e3, "mm"
+        rows.append(
+            [name, *(_cell(measured[name][0] * factor) for measured in summaries), displayed_unit]
+        )
     return rows
 
 
-def _alike(found: dict[str, tuple[float, str]], name: str) -> bool:
-    """Whether the number along y is that along x."""
-    y, x = found[name][0], found[f"{name[:-1]}x"][0]
+def _alike(values: dict[str, tuple[float, str]], name: str) -> bool:
+    """Return True if the numbers along y and x are equal."""
+    y, x = values[name][0], values[f"{name[:-1]}x"][0]
     return math.isclose(y, x, rel_tol=1e-3) or (math.isnan(y) and math.isnan(x))
 
 

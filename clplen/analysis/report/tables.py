@@ -1,4 +1,4 @@
-"""What a comparison of cameras found, as tidy tables: a row a value, SI units in the headers."""
+"""Tidy tables of a comparison of cameras: one value per row, SI units in the headers."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Row = tuple[Any, ...]
 
 @dataclass(frozen=True, repr=False)
 class Table(OneLine):
-    """Rows under a header; the first column is the camera's name.
+    """Table whose first column is the camera's name.
 
     Attributes
     ----------
@@ -52,12 +52,12 @@ class Table(OneLine):
     rows: tuple[Row, ...]
 
     def write(self, path: PathLike) -> None:
-        """As CSV, whole or not at all; NaN stays empty.
+        """Write CSV atomically; NaN becomes an empty cell.
 
         Raises
         ------
         OSError
-            If it cannot be written.
+            If the file cannot be written.
         """
         with (
             replacing(path) as temporary,
@@ -65,11 +65,11 @@ class Table(OneLine):
         ):
             writer = csv.writer(file)
             writer.writerow(self.header)
-            writer.writerows([_written(cell) for cell in row] for row in self.rows)
+            writer.writerows([_csv_cell(cell) for cell in row] for row in self.rows)
 
 
 def tables(comparison: Comparison) -> dict[str, Table]:
-    """All tables of a comparison, by the names that their files get; "summary" is the first."""
+    """Return all tables of a comparison by their file names; "summary" is the first."""
     makers = {
         "sampling": (_sampling, ("camera", "quantity", "value", "unit")),
         "psf": (_psf, ("camera", "axis", "position_m", "intensity_over_peak")),
@@ -82,119 +82,123 @@ def tables(comparison: Comparison) -> dict[str, Table]:
         ),
         "depth": (_depth, ("camera", "dz_m", "place", "error_m", "note")),
     }
-    found = {"summary": Table(("camera", "quantity", "value", "unit"), tuple(_summary(comparison)))}
+    results = {
+        "summary": Table(("camera", "quantity", "value", "unit"), tuple(_summary(comparison)))
+    }
     for name, (rows, header) in makers.items():
         if name in comparison.analyses:
-            every = [row for one in comparison.cameras for row in rows(one)]
-            found[name] = Table(header, tuple(every))
+            table_rows = [row for measured in comparison.cameras for row in rows(measured)]
+            results[name] = Table(header, tuple(table_rows))
     if "transfer" in comparison.analyses:
         header = ("camera", "dz_m", "mtf50_of_object_cycles_per_m", "nyquist_of_object", "note")
-        every = [row for one in comparison.cameras for row in _best_focus(one)]
-        found["transfer-mtf50"] = Table(header, tuple(every))
-    return found
+        table_rows = [row for measured in comparison.cameras for row in _best_focus(measured)]
+        results["transfer-mtf50"] = Table(header, tuple(table_rows))
+    return results
 
 
-def summary_values(one: Measured, analyses: tuple[str, ...]) -> dict[str, tuple[float, str]]:
-    """The numbers of one camera, (value, unit) by name, of what was asked for."""
-    found: dict[str, tuple[float, str]] = {}
-    if "psf" in analyses and one.psf is not None:
+def summary_values(measured: Measured, analyses: tuple[str, ...]) -> dict[str, tuple[float, str]]:
+    """Return the numbers of a camera's analyses as (value, unit) by name."""
+    values: dict[str, tuple[float, str]] = {}
+    if "psf" in analyses and measured.psf is not None:
         for axis in (0, 1):
-            found[f"FWHM {AXES[axis]}"] = (one.fwhm(axis), "m")
+            values[f"FWHM {AXES[axis]}"] = (measured.fwhm(axis), "m")
     if "mtf" in analyses:
         for axis in (0, 1):
-            mtf = one.mtf(axis)
+            mtf = measured.mtf(axis)
             for name, value in (
                 ("MTF50", mtf.at(0.5)),
                 ("MTF10", mtf.at(0.1)),
-                ("MTF cut-off", one.mtf_cutoff(axis)),
+                ("MTF cut-off", measured.mtf_cutoff(axis)),
             ):
-                found[f"{name} {AXES[axis]}"] = (value, "cycles/m")
+                values[f"{name} {AXES[axis]}"] = (value, "cycles/m")
     if "two-points" in analyses:
         for axis in (0, 1):
-            found[f"two-point limit {AXES[axis]}"] = (one.two_point_limit(axis), "m")
+            values[f"two-point limit {AXES[axis]}"] = (measured.two_point_limit(axis), "m")
     if "strehl" in analyses:
-        found["Strehl ratio"] = (one.strehl(), "")
-    if "energy" in analyses and one.psf is not None:
+        values["Strehl ratio"] = (measured.strehl(), "")
+    if "energy" in analyses and measured.psf is not None:
         for share in (0.5, 0.8):
-            found[f"radius of {share:.0%} of the energy"] = (one.radius(share), "m")
-    if one.crosstalk is not None:
-        found["crosstalk"] = (one.crosstalk, "")
-    if one.transfer is not None:
-        dz, frequency = one.transfer.best
-        found["best focus at dz"] = (dz, "m")
-        found["MTF50 there, of the object"] = (frequency, "cycles/m")
-    if one.depth is not None:
-        known = one.depth.errors[np.isfinite(one.depth.errors)]
-        rms = float(np.sqrt(np.mean(known**2))) if known.size else math.nan
-        found["rms error of depth, where measured"] = (rms, "m")
-        measured = np.isfinite(one.depth.rms)
-        found["depths measured"] = (float(measured.sum()), f"of {measured.size}")
-    return found
+            values[f"radius of {share:.0%} of the energy"] = (measured.radius(share), "m")
+    if measured.crosstalk is not None:
+        values["crosstalk"] = (measured.crosstalk, "")
+    if measured.transfer is not None:
+        dz, frequency = measured.transfer.best
+        values["best focus at dz"] = (dz, "m")
+        values["MTF50 there, of the object"] = (frequency, "cycles/m")
+    if measured.depth is not None:
+        errors = measured.depth.errors[np.isfinite(measured.depth.errors)]
+        rms = float(np.sqrt(np.mean(errors**2))) if errors.size else math.nan
+        values["rms error of depth, where measured"] = (rms, "m")
+        is_measured = np.isfinite(measured.depth.rms)
+        values["depths measured"] = (float(is_measured.sum()), f"of {is_measured.size}")
+    return values
 
 
 def _summary(comparison: Comparison) -> Iterator[Row]:
-    for one in comparison.cameras:
-        for name, (value, unit) in summary_values(one, comparison.analyses).items():
-            yield one.name, name, value, unit
+    for measured in comparison.cameras:
+        for name, (value, unit) in summary_values(measured, comparison.analyses).items():
+            yield measured.name, name, value, unit
 
 
-def _sampling(one: Measured) -> Iterator[Row]:
+def _sampling(measured: Measured) -> Iterator[Row]:
     for field in fields(Sampling):
-        value = float(getattr(one.sampling, field.name))  # the kind, "1.0", too
-        yield one.name, field.name, value, _UNITS.get(field.name, "")
+        value = float(getattr(measured.sampling, field.name))  # the kind, "1.0", too
+        yield measured.name, field.name, value, _UNITS.get(field.name, "")
 
 
-def _psf(one: Measured) -> Iterator[Row]:
-    assert one.psf is not None
-    centre = one.psf.centroid()
+def _psf(measured: Measured) -> Iterator[Row]:
+    assert measured.psf is not None
+    centre = measured.psf.centroid()
     for axis in (0, 1):
-        places, line = one.psf.profile(axis)
-        for place, value in zip(places - centre[axis], line / one.psf.peak, strict=True):
-            yield one.name, AXES[axis], place, value
+        positions, line = measured.psf.profile(axis)
+        for position, value in zip(positions - centre[axis], line / measured.psf.peak, strict=True):
+            yield measured.name, AXES[axis], position, value
 
 
-def _mtf(one: Measured) -> Iterator[Row]:
+def _mtf(measured: Measured) -> Iterator[Row]:
     for axis in (0, 1):
-        curve = one.mtf(axis)
+        curve = measured.mtf(axis)
         for frequency, value in zip(curve.frequency, curve.value, strict=True):
-            yield one.name, AXES[axis], frequency, value
+            yield measured.name, AXES[axis], frequency, value
 
 
-def _two_points(one: Measured) -> Iterator[Row]:
+def _two_points(measured: Measured) -> Iterator[Row]:
     for axis in (0, 1):
-        s = one.separations()
-        for separation, value in zip(s, one.mid_over_peak(s, axis), strict=True):
-            yield one.name, AXES[axis], separation, value
+        s = measured.separations()
+        for separation, value in zip(s, measured.mid_over_peak(s, axis), strict=True):
+            yield measured.name, AXES[axis], separation, value
 
 
-def _energy(one: Measured) -> Iterator[Row]:
-    for radius, share in zip(*one.encircled(), strict=True):
-        yield one.name, radius, share
+def _energy(measured: Measured) -> Iterator[Row]:
+    for radius, share in zip(*measured.encircled(), strict=True):
+        yield measured.name, radius, share
 
 
-def _transfer(one: Measured) -> Iterator[Row]:
-    assert one.transfer is not None
-    for dz, curve in zip(one.transfer.dz, one.transfer.curves, strict=True):
+def _transfer(measured: Measured) -> Iterator[Row]:
+    assert measured.transfer is not None
+    for dz, curve in zip(measured.transfer.dz, measured.transfer.curves, strict=True):
         if curve is not None:
             for frequency, value in zip(curve.frequency, curve.value, strict=True):
-                yield one.name, dz, frequency, value
+                yield measured.name, dz, frequency, value
 
 
-def _best_focus(one: Measured) -> Iterator[Row]:
-    assert one.transfer is not None
-    rows = zip(one.transfer.dz, one.transfer.mtf50, one.transfer.notes, strict=True)
+def _best_focus(measured: Measured) -> Iterator[Row]:
+    assert measured.transfer is not None
+    rows = zip(measured.transfer.dz, measured.transfer.mtf50, measured.transfer.notes, strict=True)
     for dz, frequency, note in rows:
-        yield one.name, dz, frequency, object_nyquist(one.camera, float(dz)), note
+        yield measured.name, dz, frequency, object_nyquist(measured.camera, float(dz)), note
 
 
-def _depth(one: Measured) -> Iterator[Row]:
-    assert one.depth is not None
-    for dz, errors, note in zip(one.depth.dz, one.depth.errors, one.depth.notes, strict=True):
-        for place, error in enumerate(errors):
-            yield one.name, dz, place, error, note
+def _depth(measured: Measured) -> Iterator[Row]:
+    assert measured.depth is not None
+    for dz, errors, note in zip(
+        measured.depth.dz, measured.depth.errors, measured.depth.notes, strict=True
+    ):
+        for position, error in enumerate(errors):
+            yield measured.name, dz, position, error, note
 
 
-def _written(cell: Any) -> str:
+def _csv_cell(cell: Any) -> str:
     if isinstance(cell, str):
         return cell
     if not fits_float64(cell):

@@ -142,7 +142,7 @@ def _draw_montage(
 
     along = {"z": 0, "y": 1, "x": 2}[axis]
     flat = [volume.max(axis=along, keepdims=True) for volume in progressing(series)]
-    save(maximum_projection(np.stack(flat), axis=axis, shown=len(flat), **words), output)
+    save(maximum_projection(np.stack(flat), axis=axis, max_frames=len(flat), **words), output)
     click.echo(f"{output}: {len(flat)} projections along {axis} of {_size(series, words)}.")
 
 

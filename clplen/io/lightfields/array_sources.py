@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
-from tqdm import tqdm
 
 from clplen.compute.device import Device
 from clplen.errors import FormatError, ShapeError, argument
@@ -30,6 +29,7 @@ from clplen.lightfield.model.sample_checks import (
     require_finite,
 )
 from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.progress import progress_bar
 
 Selection = tuple[slice, ...]
 _VIEWS_LAST = {4: "yxvu", 5: "yxvuc"}
@@ -136,7 +136,7 @@ def samples(source: Source, *, device: Device, layout: Layout, progress: bool) -
     shape = shape_of(source, layout)
     array = device.empty(shape, device_dtype(source.dtype))
     whole = math.prod(shape) * source.dtype.itemsize
-    bar = tqdm(total=whole, desc="reading", unit="B", unit_scale=True, disable=not progress)
+    bar = progress_bar(total=whole, desc="reading", unit="B", unit_scale=True, disable=not progress)
     everything = tuple(slice(0, n) for n in shape[:4])
     with device.on_host(array) as host, bar:
         for nbytes in _filled(source, layout, everything, host):

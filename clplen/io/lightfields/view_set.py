@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
-from tqdm import tqdm
 
 from clplen.compute.device import Device
 from clplen.errors import FormatError, argument
@@ -26,6 +25,7 @@ from clplen.io.lightfields.view_positions import positions_of
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.sample_checks import checked_positions, require_finite
 from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.progress import progress_bar
 
 Array = np.ndarray[Any, Any]
 Selection = tuple[slice, ...]
@@ -204,7 +204,7 @@ def _read_each(
         else:
             take(view, picture)
 
-    bar = tqdm(total=len(wanted), desc="reading", unit="view", disable=not progress)
+    bar = progress_bar(total=len(wanted), desc="reading", unit="view", disable=not progress)
     with ThreadPoolExecutor(_threads()) as pool, bar:
         for _ in pool.map(read, wanted):
             bar.update()

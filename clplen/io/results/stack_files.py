@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from tqdm import tqdm
 
 from clplen.checks import float64_array, host_array
 from clplen.compute.arrays import Image
@@ -27,6 +26,7 @@ from clplen.lightfield.focused.focused_picture import FocusedStack
 from clplen.lightfield.model.alpha_law import depth_at
 from clplen.lightfield.raw.raw_image import Spacing, is_telecentric
 from clplen.lightfield.refocusing.focal_stacks import FocalStack
+from clplen.progress import progress_bar
 
 _DISPARITY = "pixels per view step, nearer is larger"
 _ALPHA = "F/F', F main lens to microlens array, F' main lens to the plane"
@@ -177,7 +177,7 @@ def planes_of(stack: FocalStack | FocusedStack) -> Iterator[Block]:
 def _shown(blocks: Iterable[Block], shape: tuple[int, ...]) -> Iterator[Block]:
     """Blocks as they are, with a bar."""
     total = int(np.prod(shape[:3], dtype=np.int64))
-    with tqdm(total=total, desc="writing", unit="px", unit_scale=True) as bar:
+    with progress_bar(total=total, desc="writing", unit="px", unit_scale=True) as bar:
         for block in blocks:
             yield block
             bar.update(int(np.prod(block[3].shape[:3], dtype=np.int64)))
@@ -264,9 +264,7 @@ def write_depth(
         disparity = depth.disparity.astype(np.float32, copy=False)
         write_picture(path, disparity, description=f"disparity, {_DISPARITY}", durable=durable)
     else:
-        raise ValueError(
-            f"Disparities are written as .pfm, .tif or .zarr, not as {path}."
-        )
+        raise ValueError(f"Disparities are written as .pfm, .tif or .zarr, not as {path}.")
 
 
 def _known(depth: DepthMap) -> dict[str, np.ndarray[Any, Any]]:

@@ -28,6 +28,7 @@ from clplen.files import PathLike
 from clplen.microscopy.model.fourier_images import FourierPointImages
 from clplen.microscopy.model.point_image_files import read_matching, write_point_images
 from clplen.microscopy.model.psf import check_cut, objective_parameters, rising_planes
+from clplen.progress import notebook_bar
 from clplen.wave.coherence.averaging import Progress
 from clplen.wave.field.transmission import phasor
 
@@ -39,6 +40,7 @@ ROOM = 1.25  # times the samples that the window needs
 MOST = 2048  # samples across a lenslet
 
 
+@notebook_bar("point images")
 def fourier_point_images(
     camera: FourierMicroscope,
     planes: Sequence[float] | Vector,

@@ -27,6 +27,7 @@ from clplen.files import PathLike, check_space
 from clplen.microscopy.model import point_image_files
 from clplen.microscopy.model.cells import Cell, Pair, cell_of
 from clplen.microscopy.model.images import PointImages
+from clplen.progress import notebook_bar
 from clplen.wave.coherence.averaging import Progress
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.field import Grid
@@ -42,6 +43,7 @@ LEAST = 35  # lenslets across that are simulated
 _LOOKED_AT = 64  # planes by which the room for all of them is told
 
 
+@notebook_bar("point images")
 def point_images(
     camera: Microscope,
     planes: Sequence[float] | Vector,

@@ -27,6 +27,7 @@ from clplen.errors import ShapeError
 from clplen.microscopy.reconstruction.priors import Prior, prior_of
 from clplen.microscopy.reconstruction.projector import Projector
 from clplen.microscopy.reconstruction.volume_projector import VolumeProjector
+from clplen.progress import notebook_bar
 from clplen.results import Plottable, Savable
 from clplen.wave.coherence.averaging import Progress
 
@@ -112,6 +113,7 @@ class DeconvolutionResult(Savable, Plottable, HostArray):
         return text + ">"
 
 
+@notebook_bar("deconvolving")
 def deconvolve(
     frame: Any,
     projector: VolumeProjector,

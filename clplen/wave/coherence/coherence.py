@@ -15,6 +15,7 @@ import pyopencl.array as cla
 from clplen.checks import check_keywords, check_positive, keywords_of
 from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import ShapeError
+from clplen.progress import notebook_bar
 from clplen.reprs import OneLine
 from clplen.wave.coherence.averaging import (
     DEFAULT_SNAPSHOTS,
@@ -195,6 +196,7 @@ class Coherence(OneLine):
             grid, wavelength=wavelength, device=device, seed=self.seed, index=index
         )
 
+    @notebook_bar("averaging")
     def average(
         self,
         system: System,

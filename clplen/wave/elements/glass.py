@@ -197,7 +197,7 @@ class Glass(OneLine):
             wrong = float(lam[~inside].ravel()[0])
             raise ValueError(
                 f"wavelength must be within {_between(self.range)} for {self.name}, got {wrong:g} m"
-                f"{units.WAVELENGTH.meant(wrong)}"
+                f"{units.WAVELENGTH.suggestion(wrong)}"
             )
         return lam
 

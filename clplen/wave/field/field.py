@@ -229,6 +229,45 @@ class Field(Plottable, OnDevice):
             f"{self.device.name}>"
         )
 
+    def __getitem__(self, index: int | tuple[int, ...]) -> Field:
+        """Return an item of a batch as a new field.
+
+        Parameters
+        ----------
+        index : int or tuple of int
+            Indices of leading axes; negative indices count from the end. Fewer indices than batch
+            axes return a smaller batch.
+
+        Raises
+        ------
+        TypeError
+            If an index is not an integer.
+        IndexError
+            If an index is out of range.
+        ShapeError
+            If there are more indices than batch axes.
+
+        Examples
+        --------
+        >>> grid = clplen.Grid((8, 8), 10e-6)
+        >>> batch = clplen.Field.from_array(np.ones((3, 8, 8)), grid, wavelength=500e-9)
+        >>> batch[0].shape
+        (8, 8)
+        """
+        indices, batch = index if isinstance(index, tuple) else (index,), self.shape[:-2]
+        if len(indices) > len(batch):
+            raise ShapeError(
+                f"A field of shape {self.shape} must be indexed along its {len(batch)} batch axes, "
+                f"got {len(indices)} indices."
+            )
+        if not all(is_integer(i) for i in indices):
+            raise TypeError(f"Indices of a field must be integers, got {index!r}.")
+        for i, n in zip(indices, batch, strict=False):
+            if not -n <= i < n:
+                raise IndexError(f"Indices must lie in a batch of shape {batch}, got {index!r}.")
+        part = self.data[tuple(int(i) % n for i, n in zip(indices, batch, strict=False))]
+        return self.with_data(part.copy())
+
     @property
     def shape(self) -> tuple[int, ...]:
         """Shape (..., ny, nx) of the samples."""

@@ -35,7 +35,7 @@ METHODS = (
 )
 SELF_PADDED = ("auto", "cblas", "rs", "one-step")  # methods that size their own windows
 FREE_GRID = ("auto", "cblas", "rs", "one-step", "fresnel-1fft")  # methods that take any output grid
-FARTHEST = units.DISTANCE.most  # largest distance in metres
+FARTHEST = units.DISTANCE.max_length  # largest distance in metres
 BORDER = 0.4  # width of the taper of fresnel-multistep relative to half the window
 _PITCH_TOLERANCE = 1e-9  # relative tolerance of equal pitches and centres
 ANY_DISTANCE = (0.0, math.inf)  # interval of methods that are sampled at every distance

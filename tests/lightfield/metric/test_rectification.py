@@ -96,5 +96,5 @@ def test_another_camera_is_refused():
     stored = StoredLightField.from_array(np.ones(SHAPE, np.float32))
     with pytest.raises(TypeError, match="is stored"):
         rectify_views(stored, camera)  # type: ignore[arg-type]
-    with pytest.raises(TypeError, match="intrinsics is an Intrinsics"):
+    with pytest.raises(TypeError, match="intrinsics must be an Intrinsics"):
         rectify_views(np.ones(SHAPE, np.float32), camera.matrix)  # type: ignore[arg-type]
