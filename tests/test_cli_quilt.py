@@ -149,7 +149,7 @@ def test_refusals(tmp_path: Path, device: Device) -> None:
     small = ("--size", "96x40", "--aspect", 1.5)
     known = ("--disparity", flat(tmp_path, (30, 44)))
     for words, code, said in (
-        (("-o", "q.jpg"), 2, "ends in .png"),
+        (("-o", "q.jpg"), 2, "end in .png"),
         (("-o", "q.png", "--columns", 1, "--rows", 1, *small), 1, "at least 2 views"),
         (("-o", "q.png", "--columns", 0, *small), 1, "whole number from 1 on, not 0"),
         (("-o", "q.png", "--columns", 33, "--rows", 2), 1, "1 to 32 columns, not 33"),

@@ -61,7 +61,7 @@ def test_files_of_others_in_the_output_stay(small: tuple[Path, list[Path]], devi
     (folder / "item.json").unlink()
     summary, _ = run(job, device)
     assert summary.failed.keys() == {"field_001"}
-    assert f"{name} is there already and clplen did not" in summary.failed["field_001"]
+    assert f"{name} exists and was not written by clplen" in summary.failed["field_001"]
     assert (folder / name).read_text() == "notes of the user"
 
 
@@ -89,7 +89,7 @@ def test_an_input_that_changes_meanwhile(
     for file in files[1:]:
         file.unlink()
     summary, _ = run(job, device)
-    assert "was changed while it was read" in summary.failed["field_000"]
+    assert "changed while it was read" in summary.failed["field_000"]
 
 
 @pytest.mark.thorough
@@ -320,7 +320,7 @@ def test_an_interrupt_leaves_nothing_half_done(small: tuple[Path, list[Path]], d
     out = job.parent / "out"
     assert batchworks.strays(out) == []
     with Manifest(out) as manifest:
-        assert len(manifest.known()) == 1  # what was reported before
+        assert len(manifest.states()) == 1  # what was reported before
     summary, _ = run(job, device)
     assert summary.skipped >= 1
     assert batchworks.wrong_outputs(out, files, device) == []
@@ -350,6 +350,6 @@ def test_a_full_disk(tmp_path: Path, device: Device):
             picture = tifffile.imread(out / f"field_{i}" / "stack.ome.tif")
             assert np.array_equal(picture, np.full((side, side), i + 1, np.float32))
         with Manifest(out) as manifest:
-            assert len(manifest.known()) == 5
+            assert len(manifest.states()) == 5
     finally:
         subprocess.run(["umount", str(disk)], check=True)

@@ -65,7 +65,7 @@ def test_tables_that_make_no_sense_fail_in_a_sentence(tmp_path: Path, device: De
     (tmp_path / "camera.toml").write_text(CAMERA)
     for table, said in (
         ("[views]\n", "A focused camera has no views of directions: leave [views] out."),
-        ("[stack]\ndisparities = [0, 1]\n", "have no disparities: give alphas in [stack]"),
+        ("[stack]\ndisparities = [0, 1]\n", "must be given as alphas = F/F': set alphas in"),
     ):
         (tmp_path / "job.toml").write_text(JOB + table)
         summary, _ = run(tmp_path / "job.toml", device, force=True)

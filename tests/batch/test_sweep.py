@@ -113,7 +113,7 @@ def test_a_key_that_leads_nowhere():
         ("sensor.seed", "the file has no table 'sensor'; there are camera, scene"),
         ("scene.points_mm.2.2", r"scene\.points_mm is a list, and '2' is none .* 0 to 1 or \* for"),
         ("scene.points_mm.1.3", r"scene\.points_mm\.1 is a list, and '3' is none .* 0 to 2"),
-        ("camera.wavelength_nm.0", r"camera\.wavelength_nm is 532\.0, which has no parts"),
+        ("camera.wavelength_nm.0", r"camera\.wavelength_nm is 532\.0, not a table"),
     ):
         with pytest.raises(
             ValueError, match=f"^the key {key!r} leads".replace("*", r"\*") + ".*" + said

@@ -104,7 +104,7 @@ def test_json(given: list[CheckResult]) -> None:
 def test_words_that_do_not_fit_are_refused() -> None:
     result = run("--json")
     assert result.exit_code == 2
-    assert "--json belongs to --check" in result.stderr
+    assert "--json applies to --check" in result.stderr
     result = run("--check", "--device", "zebra")
     assert result.exit_code == 1
     assert "No OpenCL device fits 'zebra'" in result.stderr

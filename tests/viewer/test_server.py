@@ -16,7 +16,7 @@ import pytest
 
 from clplen.errors import ShapeError
 from clplen.viewer import computations
-from clplen.viewer.server import ADDRESS, MAX_CONNECTIONS, MOST_BODY, ViewerServer
+from clplen.viewer.server import ADDRESS, MAX_BODY, MAX_CONNECTIONS, ViewerServer
 
 PAGE = b"<!doctype html><title>page</title>"
 
@@ -192,7 +192,7 @@ def test_bodies_that_are_refused(server, computing):
         ({**request(), "request": []}, {}, 400),
         (request(), {"Content_Type": "text/plain"}, 415),
         (request(), {"Content_Type": None}, 415),
-        (b"x" * (MOST_BODY + 1), {}, 413),
+        (b"x" * (MAX_BODY + 1), {}, 413),
         (None, {"Content_Length": "99999999999999999999"}, 413),
         (None, {"Content_Length": "-5"}, 400),
         (None, {"Content_Length": "0x10"}, 400),
@@ -252,7 +252,7 @@ def test_a_newer_request_drops_the_older_one(server, computing):
 
 
 def test_too_many_wait(server, computing, monkeypatch):
-    monkeypatch.setattr(computations, "MOST_WAITING", 2)
+    monkeypatch.setattr(computations, "MAX_WAITING", 2)
     threads = [
         threading.Thread(target=compute, args=(server, request(wait=True, page=f"{n:012}")))
         for n in range(2)

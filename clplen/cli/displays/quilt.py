@@ -23,24 +23,28 @@ _NAMES = ("go", "portrait", "16-landscape", "16-portrait", "32-landscape", "32-p
 
 @click.command(cls=options.Command)
 @options.source
-@options.output("OUT.png", "Quilt; _qsCOLUMNSxROWSaASPECT is added to the name where it lacks.")
+@options.output("OUT.png", "Output: the suffix _qsCOLUMNSxROWSaASPECT is added if missing.")
 @click.option(
     "--display",
     type=click.Choice(_NAMES),
     default="portrait",
     show_default=True,
-    help="Model of the Looking Glass, which sets tiles, size and aspect.",
+    help="Model of the Looking Glass; sets the defaults of --columns, --rows, --size and --aspect.",
 )
-@click.option("--columns", type=int, help="Number of columns of tiles, in place of the display's.")
-@click.option("--rows", type=int, help="Number of rows of tiles.")
-@click.option("--size", type=Width(), help="Size of the quilt in pixels.")
-@click.option("--aspect", type=options.FINITE, help="Ratio of width to height of the picture.")
+@click.option("--columns", type=int, help="Number of columns of tiles. Default: by --display.")
+@click.option("--rows", type=int, help="Number of rows of tiles. Default: by --display.")
+@click.option("--size", type=Width(), help="Size of the quilt in pixels. Default: by --display.")
+@click.option(
+    "--aspect",
+    type=options.FINITE,
+    help="Ratio of width to height of the picture. Default: by --display.",
+)
 @click.option(
     "--span",
     type=click.FloatRange(0, 1, min_open=True),
     default=1.0,
     show_default=True,
-    help="Part of the recorded baseline between the first view and the last.",
+    help="Fraction of the recorded baseline that the views span.",
 )
 @depth_options
 @tone
@@ -65,9 +69,9 @@ def quilt(
     selector: str | None,
     **layout: Any,
 ) -> None:
-    """Make a quilt for a Looking Glass display: views from left to right as tiles of one picture.
+    """Make a quilt for a Looking Glass display: a picture with the views as tiles.
 
-    Views between the recorded ones are rendered along the depth of the scene.
+    Intermediate views are rendered with the depth of the scene.
 
     \b
     Example:
@@ -78,12 +82,12 @@ def quilt(
     from clplen.io.displays.display_window import display_window
     from clplen.io.displays.quilt import DISPLAYS, QuiltLayout, check_memory, write_quilt
 
-    known = DISPLAYS[display]
+    default = DISPLAYS[display]
     chosen = QuiltLayout(
-        known.columns if columns is None else columns,
-        known.rows if rows is None else rows,
-        size or known.size,
-        known.aspect if aspect is None else aspect,
+        default.columns if columns is None else columns,
+        default.rows if rows is None else rows,
+        size or default.size,
+        default.aspect if aspect is None else aspect,
     )
     target = chosen.name(output)
     check_output(source, target, layout, (".png",))
@@ -107,9 +111,8 @@ def quilt(
     click.echo(
         f"{target}: {chosen.views} views from u = {first:g} to {last:g} in {chosen.columns} x "
         f"{chosen.rows} tiles of {chosen.tile[1]} x {chosen.tile[0]} pixels; disparity "
-        f"{scene.zero:.3g} lies in the display's plane, {window.size[1]:.0f} x "
-        f"{window.size[0]:.0f} of {scene.lf.shape[3]} x {scene.lf.shape[2]} pixels of a view are "
-        "shown."
+        f"{scene.zero:.3g} lies in the plane of the display, which shows {window.size[1]:.0f} x "
+        f"{window.size[0]:.0f} of the {scene.lf.shape[3]} x {scene.lf.shape[2]} pixels of a view."
     )
 
 
