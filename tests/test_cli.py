@@ -120,7 +120,7 @@ def test_devices_lists_everything_and_gives_the_reason(device: Device):
         assert one.name in result.output
         assert one.driver in result.output
     assert f"* {device.place}  {device.name}" in result.output
-    assert f"it fits '{device.place}'" in result.output
+    assert f"it matches '{device.place}'" in result.output
     assert result.output.count("fp64") == result.output.count("FFT  ") == len(Device.all())
 
 

@@ -124,7 +124,7 @@ def test_bad_cameras_are_told(run: Run, tmp_path: Path) -> None:
         ('kind = "plenoptic2"\nm = 0.0', "Error: one: m = b/a is finite and not 0"),
         ('kind = "plenoptic2"\nm = 0.2\na_mm = 18.0', "needs either m or a_mm"),
         ('kind = "plenoptic2"\nm = -1.5', "not behind the array: use m > -1"),
-        ('kind = "plenoptic1"\nm = 0.2', "has m, which belongs to kind = 'plenoptic2'"),
+        ('kind = "plenoptic1"\nm = 0.2', "has m, which applies to kind = 'plenoptic2'"),
         ("kinds = 1", "kinds"),
     ):
         assert words in said(run("--only", "sampling", one=kind))

@@ -51,7 +51,7 @@ def test_maps_of_a_cue(device: Device, tmp_path: Path, views: Path):
     share = np.mean(found.confidence > 0.5)
     assert f"{100 * share:.0f} % of the pixels are reliable (confidence above 0.5)" in text
     low = found.disparity[found.confidence > 0.5].min()
-    assert f"those from {low:.3f} to" in text
+    assert f"from {low:.3f} to" in text
     low = np.percentile(found.disparity, 1)
     assert f"98 % of the disparities lie from {low:.3f} to" in text
     assert "metre" not in text

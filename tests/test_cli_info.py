@@ -226,8 +226,8 @@ def test_brightness_of_views(tmp_path, device):
     found = table(run("info", folder_of(tmp_path / "dim", a, "a_{v}_{u}.png"), "--device",
                       device.place))  # fmt: skip
     assert found["Nearly black"].replace("\n", " ") == (
-        "2 of 15, below 2 % of the median: (0, 0), (2, 4); --aperture of depth, refocus and render "
-        "leaves them out"
+        "2 of 15, below 2 % of the median: (0, 0), (2, 4); exclude them with --aperture of depth, "
+        "refocus and render"
     )
     assert found["Left out"].startswith("0 of 15")
     for command in (["depth", "-o", tmp_path / "d.npy"], ["refocus", "-o", tmp_path / "r.png"]):
@@ -236,8 +236,8 @@ def test_brightness_of_views(tmp_path, device):
         result = run(*words)
         assert result.exit_code == 0, result.output
         said = (
-            "Note: 2 of 15 views are nearly black (below 2 % of the median brightness) and count "
-            "like the others: --aperture "
+            "Note: 2 of 15 views are nearly black (below 2 % of the median brightness) and are "
+            "weighted like the others: --aperture "
         )
         line = next(line for line in result.stderr.splitlines() if line.startswith(said))
         across = line.removeprefix(said).removesuffix(" leaves them out.")

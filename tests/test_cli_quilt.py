@@ -131,7 +131,7 @@ def test_near_things_move_to_the_left_from_view_to_view(tmp_path: Path, device: 
     found = imageio.imread(tmp_path / "q_qs5x1a1.6.png")
     middles = [(found[20, 64 * n : 64 * n + 64] > 130).nonzero()[0].mean() for n in range(5)]
     np.testing.assert_allclose(np.diff(middles), -2, atol=0.3)
-    noted = "12 % of the pixels move by more than 1 pixel of a tile from view to view, up to 2.0"
+    noted = "12 % of the pixels move by more than 1 pixel of a tile from view to view, by up to 2.0"
     assert noted in " ".join(result.stderr.split())
 
 
@@ -167,7 +167,9 @@ def test_refusals(tmp_path: Path, device: Device) -> None:
         text = refused(run(device, "quilt", source, "-o", where, *words[2:]), code)
         assert said in text.replace(f"{tmp_path}/", ""), (words, text)
     column = stored(tmp_path, np.ones((5, 1, 20, 30), np.uint8), "column.npy")
-    assert "one column of views" in refused(run(device, "quilt", column, "-o", tmp_path / "q.png"))
+    assert "a single column of views" in refused(
+        run(device, "quilt", column, "-o", tmp_path / "q.png")
+    )
     clplen.io.write_pfm(tmp_path / "other.pfm", np.ones((30, 43), np.float32))
     words = ("-o", tmp_path / "q.png", "--disparity", tmp_path / "other.pfm")
     assert "30 x 43 pixels" in refused(run(device, "quilt", source, *words), 1)

@@ -153,7 +153,7 @@ def test_the_scene_beyond_the_planes_is_noted(
         assert note in result.stderr
     result = run(device, "stack", views, "-o", out, "--disparities", "-1:0.5:7")
     done(result)
-    assert "the scene may lie above disparity 0.5; 'clplen info'" in result.stderr
+    assert "the scene may extend above disparity 0.5; 'clplen info'" in result.stderr
 
 
 def test_refocusing_through_a_part_of_the_lens(tmp_path: Path, views: Path, device: Device):
@@ -195,13 +195,13 @@ def test_epipolar_slices(tmp_path: Path, views: Path, device: Device):
 def test_one_sentence(tmp_path: Path, views: Path, device: Device):
     for words, code, sentence in (
         (("render", "--sweep", "views", "--aperture", 3), 2, "cannot be combined with --viewpoint"),
-        (("render", "--sweep", "views"), 2, "The output end in .gif"),
+        (("render", "--sweep", "views"), 2, "The output must end in .gif"),
         (("render", "--alphas", "0.9:1.1:3"), 2, "need --sweep focus"),
         (("render", "--viewpoint", 9, 0), 1, "v is from 0 to 2, u from 0 to 4"),
         (("refocus",), 2, "Give one of --disparity"),
         (("refocus", "--disparity", 1, "--at", "3,4"), 2, "Give one of --disparity"),
         (("refocus", "--at", "3"), 2, "'3' is not Y,X, for example 120,88"),
-        (("refocus", "--at", "3,40"), 2, "X from 0 to 36"),
+        (("refocus", "--at", "3,40"), 2, "X 0 to 36"),
         (("refocus", "--tilt", "3,4,1"), 2, "given three times, for three pixels, got 1"),
         (("refocus", *("--tilt", "3,4,1") * 3), 1, "lie on one line"),
         (("refocus", "--disparity", 1, "--upsample", 99), 2, "a whole number from 1 to 16"),

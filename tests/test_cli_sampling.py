@@ -82,7 +82,7 @@ def test_bad_words_are_one_sentence():
         (["--z", "6,6um"], "a decimal point, not a comma"),
         (["--z", "5nn"], "the units are pm, nm, um, mm, cm, m, km"),
         (["--z", "1e13m"], "out of range: use 1 pm to 1e12 m"),
-        (["--pitch", "0"], "'0' is not allowed here: the length is positive"),
+        (["--pitch", "0"], "the length must be positive, got '0'"),
         (["--pitch", "1x2x3um"], "is not a pair YxX"),
         (["--shape", "3.5"], "'3.5' is no number of samples: give a whole number"),
         (["--shape", "0"], "a side has 1 to 1,000,000 samples"),
@@ -139,7 +139,7 @@ def test_every_method_is_judged_at_every_distance():
     assert rows["fresnel-ir"] == f"from 480 mm on no yes {field}"
     assert rows["fresnel-1fft"] == "from 240 mm on no yes, pitch 13.75 um no, pitch 0"
     # Whole steps of L dx^2/lam = 486.6 mm, L = 6144; 33 of them.
-    steps = "yes, whole steps: 0 yes, whole steps: 2"
+    steps = "yes, equal steps: 0 yes, equal steps: 2"
     assert rows["fresnel-multistep"] == f"up to 16.06 m {steps} {field}"
 
 
@@ -183,7 +183,7 @@ def test_an_aliased_propagation_is_a_note_not_a_failure():
 def test_a_forgotten_unit_of_the_wavelength_is_noted():
     result = run(*THESIS[:-1], "0.01", "--z", "240mm")
     assert result.exit_code == 0
-    assert "write 550nm" in result.stderr
+    assert "write for example 550nm" in result.stderr
     refused = run(*THESIS[:-1], "550", "--z", "240mm")
     assert refused.exit_code == 1
     assert "not 550; did you mean 5.5e-07?" in refused.stderr

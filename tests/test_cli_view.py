@@ -217,7 +217,7 @@ WRONG = [
     (["lf.npy", "-o", "page.png"], "end in .html"),
     (["lf.npy", "-o", "none/page.html"], "none"),
     (["lf.npy", "--compare"], "at least two inputs, got 1"),
-    (["lf.npy", "lf.npy", "--time", "--compare"], "not both"),
+    (["lf.npy", "lf.npy", "--time", "--compare"], "cannot be combined"),
     (["lf.npy", "--truth", "x.pfm"], "--truth needs --compare"),
     (["lf.npy", "-o", "page.html", "--port", "8080"], "--port goes with a page"),
     (["lf.npy", "--downscale", "99", "-o", "page.html"], "have none by 99 x 99"),

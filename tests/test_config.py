@@ -585,14 +585,14 @@ def test_what_is_said_about_wrong_pictures_and_light(tmp_path: Path):
         ),
         (LIT + 'spatial = "lamp"', r"coherence\.spatial must be 'coherent', .*, got 'lamp'"),
         (PICTURE + "[coherence]\nkoehler = true", r"coherence\.koehler is for slides"),
-        (LIT + 'spatial = "source"\nkind = "phase"', "coherence has kind, which belongs to spat"),
-        (LIT + "wavelengths = 9\nlines_nm = 500", r"coherence has wavelengths, which belongs to"),
+        (LIT + 'spatial = "source"\nkind = "phase"', "coherence has kind, which applies to spat"),
+        (LIT + "wavelengths = 9\nlines_nm = 500", r"coherence has wavelengths, which needs"),
         (LIT + "rtol = 0.1", r"coherence has rtol, but a plane wave is the same in every snapshot"),
         (
             LIT + 'fwhm_nm = 20\nspectrum = "mercury"',
-            r"coherence has spectrum and fwhm_nm, two spectra: leave one out\.$",
+            r"coherence has spectrum and fwhm_nm, but needs a single spectrum\.$",
         ),
-        (LIT + "wavelengths = 9", r"coherence has wavelengths, which belongs to fwhm_nm, spec"),
+        (LIT + "wavelengths = 9", r"coherence has wavelengths, which needs fwhm_nm, spec"),
         (
             LIT + "lines_nm = [500, 600]\nline_powers = 1",
             r"coherence must have as many line_powers as lines_nm, 2, got 1\.$",

@@ -194,10 +194,10 @@ GOOD = {"version": __version__, "host": "h", "error": ""}
 
 def test_workers_that_cannot_do_it():
     for found, said in (
-        ({}, "has no workers: start some with 'clplen worker tcp://x'"),
+        ({}, "has no workers: start them with 'clplen worker tcp://x'"),
         ({"a": {**GOOD, "version": "0.0.1"}, "b": GOOD}, "1 workers .*a has clplen 0.0.1, this is"),
         ({"a": {**GOOD, "error": "none"}}, r"a has no OpenCL device \(none\)"),
-        ({"a": ModuleNotFoundError("No module named 'clplen'")}, "a has no clplen that answers"),
+        ({"a": ModuleNotFoundError("No module named 'clplen'")}, "a has no working clplen"),
     ):
         with pytest.raises(DeviceError, match=said):
             check_workers(Client(found), "tcp://x")
@@ -264,7 +264,7 @@ def test_what_a_living_scheduler_dropped_is_done_again(
         for name in names:
             yield SimpleNamespace(name=name, parameters={}), Future(name, next(states[name]))
 
-    monkeypatch.setattr(works, "_ended", ended)
+    monkeypatch.setattr(works, "_completed", ended)
     tasks: Any = [SimpleNamespace(name=name) for name in ("a", "b")]
     if not answers:
         with pytest.raises(DeviceError, match="no longer answers"):

@@ -79,7 +79,7 @@ def test_no_job_file(tmp_path: Path):
 
 def test_a_pattern_without_files_is_refused(tmp_path: Path):
     job = read(tmp_path, f"{BASE}[stack]\n")
-    with pytest.raises(FormatError, match=r"inputs\.0\.files: 'in/\*\.npy' names no file"):
+    with pytest.raises(FormatError, match=r"inputs\.0\.files: 'in/\*\.npy' matches no file"):
         tasks_of(job)
 
 
@@ -150,7 +150,7 @@ def test_how_a_job_is_done_is_no_other_job(tmp_path: Path):
 def test_a_white_image_has_to_be_there(tmp_path: Path):
     inputs(tmp_path, "a.npy")
     text = f'{BASE}[inputs.layout]\nwhite = "white.tif"\n[stack]\n'
-    with pytest.raises(FormatError, match=r"inputs\.0\.layout\.white: there is no file"):
+    with pytest.raises(FormatError, match=r"inputs\.0\.layout\.white: the file .* does not exist"):
         tasks_of(read(tmp_path, text))
 
 
@@ -159,7 +159,7 @@ def test_what_differs_is_said(tmp_path: Path):
     new = read(tmp_path, f"{BASE}[stack]\ndisparities = [0.0, 2.0]\n[depth]\n")
     with pytest.raises(FormatError) as caught:
         check_settings(old.contents(), new, force=False, output=tmp_path)
-    for text in ("stack.disparities was [0.0, 1.0], is [0.0, 2.0]", "depth was not there", "force"):
+    for text in ("stack.disparities was [0.0, 1.0], is [0.0, 2.0]", "depth was missing", "force"):
         assert text in str(caught.value)
     check_settings(old.contents(), new, force=True, output=tmp_path)
     check_settings(None, new, force=False, output=tmp_path)

@@ -58,7 +58,7 @@ def test_a_newer_version_is_refused(tmp_path: Path):
     Manifest(tmp_path, create=True).close()
     with sqlite3.connect(tmp_path / NAME) as file:
         file.execute("UPDATE meta SET value = '2' WHERE key = 'version'")
-    with pytest.raises(FormatError, match=r"of version 2, .* up to 1: use a newer clplen"):
+    with pytest.raises(FormatError, match=r"has version 2, .* up to 1: use a newer clplen"):
         Manifest(tmp_path, create=True)
 
 

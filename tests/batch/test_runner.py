@@ -95,7 +95,7 @@ def test_a_job_that_was_changed(small: tuple[Path, list[Path]], device: Device):
     out = job.parent / "out"
     text = job.read_text().replace("[all_in_focus]", "")
     job.write_text(text)
-    with pytest.raises(FormatError, match=r"all_in_focus was \{\}, is not there.*or force=True to"):
+    with pytest.raises(FormatError, match=r"all_in_focus was \{\}, is missing.*or force=True to"):
         run(job, device)
     assert (out / "field_000" / "all_in_focus.ome.tif").exists()
     summary, _ = run(job, device, force=True)

@@ -330,7 +330,7 @@ def test_scenes_that_cannot_be_seen(tmp_path: Path):
         ({"camera": "small.toml"}, r"small\.toml, item 'pyramids_0': Surface \d+, a plane of slo"),
         (
             {"camera": "small.toml", "sweep": [{"key": "scene.x", "values": [0]}]},
-            r"the key 'scene\.x' leads nowhere: the file has no table 'scene'; there are camera",
+            r"the key 'scene\.x' does not exist: the file has no table 'scene'; tables: camera",
         ),
     ):
         camera_file(tmp_path, SMALL)

@@ -61,7 +61,7 @@ def _check_kinds(kinds: list[str]) -> list[str]:
         if kind not in (ALL_KINDS, *SCENES):
             near = difflib.get_close_matches(kind, SCENES, n=1, cutoff=0.5)
             hint = f"did you mean {near[0]}?" if near else f"use any of {', '.join(SCENES)}"
-            raise ValueError(f"has no scene {kind!r}; {hint}")
+            raise ValueError(f"must be a kind of scene, not {kind!r}; {hint}")
     return kinds
 
 

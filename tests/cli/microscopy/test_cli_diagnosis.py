@@ -85,7 +85,9 @@ def test_pixels_a_lenslet_by_key_and_word(tmp_path: Path) -> None:
     file = read_microscope_file(path, pixels=40)
     assert round(file.camera.pixels_per_lenslet or 0) == 40 * file.binning
     for pixels in (30, 1001):
-        with pytest.raises(FormatError, match=r"has 33.4 pixels a lenslet.*give 31 to 1000"):
+        with pytest.raises(
+            FormatError, match=r"per lenslet must be 31 to 1000 for frames with 33.4"
+        ):
             read_microscope_file(path, pixels=pixels)
     for bad in ("0", "33.5"):
         path.write_text(KNOWN.format(size=125 / 33.4) + f"pixels_per_lenslet = {bad}\n")

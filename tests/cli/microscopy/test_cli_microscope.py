@@ -80,7 +80,7 @@ def test_project_is_the_projection(tmp_path: Path, psf: Path, projector: Project
     for name, message in (
         ("w.tif", "lies at z = -1.5 um, but at -2.5 um in the point images"),
         ("few.npy", "has 2 planes, the point images have 3"),
-        ("odd.npy", "no whole number of lenslets of 3 x 3"),
+        ("odd.npy", "a whole number of lenslets of 3 x 3"),
         ("minus.npy", "has 2 voxels that are negative"),
     ):
         assert message in said(run("project", tmp_path / name, *words))

@@ -30,11 +30,11 @@ def test_bad_microscopes(tmp_path: Path, device: Device) -> None:
         (
             "wavelength = 593",
             "wavelength = 0.593",
-            "is in nm here, from 150 to 3000: did you mean 593? (got 0.593)",
+            "must be 150 to 3000 nm: did you mean 593? (got 0.593)",
         ),
         ("pixel_size = 6.666666667", "pixel_size = 65", "pixels per lenslet by pixel_size is 1.54"),
         ("ulens_focal_length = 2500", "ulens_focal_length = 2.5", "did you mean 2500?"),
-        ("na = 1.2", "na = 12", "na lies between 0.01 and 1.8, got 12"),
+        ("na = 1.2", "na = 12", "na must be 0.01 to 1.8, got 12"),
         ("medium_index = 1.33\n", " ", "medium_index is missing"),
         ("apodisation = 0.4", "[camera]", "has magnification beside [camera]: put all"),
     ]:
@@ -61,10 +61,10 @@ def test_units_of_a_camera_file(tmp_path: Path) -> None:
         (
             "wavelength_nm = 593",
             "wavelength_nm = 0.593",
-            "camera.wavelength_nm = 0.593 is in nm here, from 150 to 3000: did you mean 593?",
+            "camera.wavelength_nm is 0.593; it must be 150 to 3000 nm: did you mean 593?",
         ),
         ("focal_length_mm = 2.5", "focal_length_mm = 2500", "focal_length_mm = 2500 is in mm here"),
-        ("pixels_per_lenslet = 15", "pixels_per_lenslet = 1.5", "lies between 3 and 1000"),
+        ("pixels_per_lenslet = 15", "pixels_per_lenslet = 1.5", "must be 3 to 1000"),
         ("tube_lens_mm = 200", "tube_lens_mm = 0.2", "did you mean 200?"),
     ]:
         text = CAMERA.replace("apodisation", "tube_lens_mm = 200\napodisation")
@@ -79,7 +79,7 @@ def test_units_of_a_camera_file(tmp_path: Path) -> None:
 def test_what_is_taken_is_said(tmp_path: Path) -> None:
     (tmp_path / "k.toml").write_text(CAMERA.replace("medium_index = 1.33\n", ""))
     index, tube = read_microscope_file(tmp_path / "k.toml").assumptions
-    assert "medium_index is not given: 1 is taken (air" in index
+    assert "medium_index is not given; the default is 1 (air" in index
     assert "tube_lens_mm is not given: 200 is taken" in tube
     (tmp_path / "k.toml").write_text(KNOWN.replace("na =", "cover = {thickness_um = 150}\nna ="))
     file = read_microscope_file(tmp_path / "k.toml")

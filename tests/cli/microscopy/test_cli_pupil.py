@@ -108,7 +108,7 @@ def test_bad_words(folder):
         (("odd.tif", "-c", "scope.toml", *WORDS), "odd.tif"),
         (("beads.tif", "-c", "piston.toml", *WORDS), "piston"),
         (("beads.tif", "-c", "hexagons.toml", *WORDS), "hexagons.toml are hexagonal: use a square"),
-        (("beads.tif", "-c", "two.toml", *WORDS), "two.toml are of several focal lengths, whose"),
+        (("beads.tif", "-c", "two.toml", *WORDS), "two.toml are of several focal lengths: use"),
     ]:
         tifffile.imwrite(folder / "odd.tif", np.ones((50, 61), np.uint16))
         hexagons = CAMERA.replace("fill =", 'lattice = "hexagonal"\nfill =')

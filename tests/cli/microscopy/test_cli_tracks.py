@@ -182,7 +182,7 @@ def test_words_that_do_not_go_together(tmp_path: Path, series: Path) -> None:
     table.write_text("z_m,y_m,x_m\n9,9,9\n")
     assert "No point of" in said("traces", series, "-o", out, *words, 1)
     table.write_text("z_m,y_m,x_m\n")
-    assert "holds no point" in said("traces", series, "-o", out, *words, 1)
+    assert "contains no points" in said("traces", series, "-o", out, *words, 1)
     assert "brightness, not regions" in said("traces", series, "-o", out, "--labels", series)
     assert "INNER,OUTER with INNER below" in said(
         "traces", series, "-o", out, "--labels", series, "--ring-um", "5,2"
