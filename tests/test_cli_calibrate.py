@@ -147,7 +147,7 @@ def test_bad_words(boards: list[Path], tmp_path: Path):
         (("--board", "2x6", "--spacing", "25mm"), 1, "at least 3 each, not (2, 6)"),
         (("--board", "4x6", "--spacing", "0"), 2, "the length must be positive, got '0'"),
         (("--board", "4x6", "--spacing", "-25mm"), 2, "the length must be positive"),
-        (("--board", "4x6", "--spacing", "nan"), 2, "'nan' is no length"),
+        (("--board", "4x6", "--spacing", "nan"), 2, "'nan' is not a length"),
         (("--board", "5x7", "--spacing", "25mm"), 1, "too few light fields, 0 where at least 3"),
         (("--board", "4x6", "--spacing", "25mm", "-o", "camera.txt"), 2, "ends in .json, not"),
     ):

@@ -261,7 +261,7 @@ BAD = [
     (("render", "--aperture", 9), 1, "share of a sub-image's diameter"),
     (("render", "--m", "0.1,0.2"), 2, "--m must be a single plane, got 2"),
     (("render", "--m", 0), 1, "m = b/a is a finite number other than 0"),
-    (("render", "--m", "a"), 2, "'a' is not m: give 0.2"),
+    (("render", "--m", "a"), 2, "'a' is not m: give for example 0.2"),
     (("render", "--patch", 30), 1, "A patch of 30 px is larger than a sub-image, 22 px"),
     (("render", "--method", "depth", "--patch", 3), 1, "--method depth takes its patches"),
     (("render", "--srgb"), 1, "--srgb does not apply to a raw image of a focused camera"),

@@ -237,4 +237,4 @@ def test_refusals(tmp_path: Path, source: Path, device: Device) -> None:
     (tmp_path / "out" / "mine").write_text("mine")
     assert "not empty" in refused(run(device, "poses", source, *out))
     words = ("-o", tmp_path / "none" / "out", "--format", "nerf")
-    assert "no folder" in refused(run(device, "poses", source, *words))
+    assert "does not exist" in refused(run(device, "poses", source, *words))

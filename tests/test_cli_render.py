@@ -205,7 +205,7 @@ def test_one_sentence(tmp_path: Path, views: Path, device: Device):
         (("refocus", "--tilt", "3,4,1"), 2, "given three times, for three pixels, got 1"),
         (("refocus", *("--tilt", "3,4,1") * 3), 1, "lie on one line"),
         (("refocus", "--disparity", 1, "--upsample", 99), 2, "a whole number from 1 to 16"),
-        (("refocus", "--disparity", 1, "--upsample", 0), 2, "a whole number from 1 to 16, not 0"),
+        (("refocus", "--disparity", 1, "--upsample", 0), 2, "a whole number from 1 to 16, got 0"),
         (("refocus", "--disparity", "nan"), 2, "'nan' is no finite number"),
         (("render", "--disparity", "inf"), 2, "'inf' is no finite number"),
         (("refocus", *("--tilt", "3,4,1") * 2), 2, "given three times, for three pixels, got 2"),

@@ -210,7 +210,7 @@ def test_a_depth_map_from_a_file(tmp_path, light_field):
 
 
 WRONG = [
-    (["missing.png"], "There is no file or folder missing.png"),
+    (["missing.png"], "The file or folder missing.png does not exist"),
     (["text.txt"], "is no light field that clplen reads"),
     (["empty.png"], "empty"),
     (["cut.png"], "cut.png"),

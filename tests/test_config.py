@@ -584,7 +584,7 @@ def test_what_is_said_about_wrong_pictures_and_light(tmp_path: Path):
             r"coherence needs source_distance_mm for spatial = 'source'\.$",
         ),
         (LIT + 'spatial = "lamp"', r"coherence\.spatial must be 'coherent', .*, got 'lamp'"),
-        (PICTURE + "[coherence]\nkoehler = true", r"coherence\.koehler is for slides"),
+        (PICTURE + "[coherence]\nkoehler = true", r"coherence\.koehler applies to slides"),
         (LIT + 'spatial = "source"\nkind = "phase"', "coherence has kind, which applies to spat"),
         (LIT + "wavelengths = 9\nlines_nm = 500", r"coherence has wavelengths, which needs"),
         (LIT + "rtol = 0.1", r"coherence has rtol, but a plane wave is the same in every snapshot"),

@@ -68,10 +68,11 @@ def analyse(
     force: bool,
     selector: str | None,
 ) -> None:
-    """Compare plenoptic cameras: resolution, sampling, crosstalk, contrast and depth accuracy.
+    """Compare the image quality of plenoptic cameras.
 
-    The image of a point source is simulated by wave optics, in tens of exposures per camera. The
-    analysis "pictures" renders the scene of each camera file.
+    The report covers resolution, sampling, crosstalk, contrast and depth accuracy. The image of a
+    point source is simulated by wave optics, in tens of exposures per camera. The analysis
+    "pictures" renders the scene of each camera file.
 
     \b
     Example:

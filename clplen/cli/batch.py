@@ -37,7 +37,7 @@ class _RunFirst(click.Group):
 
 @click.group(cls=_RunFirst)
 def batch() -> None:
-    """Process many light fields into stacks, depth maps and pictures: 'clplen batch JOB.toml'."""
+    """Process many light fields: 'clplen batch JOB.toml'."""
 
 
 def _print_example(ctx: click.Context, _: click.Parameter, is_set: bool) -> None:
@@ -301,9 +301,10 @@ def worker(
     insecure: bool,
     selector: str | None,
 ) -> None:
-    """Start a worker for 'clplen batch JOB.toml --scheduler ADDRESS'; press Ctrl-C to stop it.
+    """Start a worker for batch jobs with a scheduler.
 
-    Start 'dask scheduler' first, then one worker for each device. The command runs 'dask worker
+    Start 'dask scheduler' first, then one worker for each device, then 'clplen batch JOB.toml
+    --scheduler ADDRESS'. Press Ctrl-C to stop the worker. The command runs 'dask worker
     ADDRESS --preload clplen.batch.preload' with three threads: one item is read, one computed and
     one written at a time. A worker executes any code that its scheduler sends: with several
     computers, both need the certificate.

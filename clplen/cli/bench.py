@@ -64,9 +64,10 @@ def bench(
     as_json: bool,
     saved: Path | None,
 ) -> None:
-    """Measure the speed of the device, as ratios to simple operations on this computer.
+    """Measure the speed of the device.
 
-    Without NAME every benchmark runs. Compare ratios, not seconds, between computers.
+    Times are compared with simple operations on this computer. Without NAME every benchmark runs.
+    Compare ratios, not seconds, between computers.
 
     \b
     Example:

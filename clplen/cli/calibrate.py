@@ -47,7 +47,7 @@ class Board(click.ParamType):
 @click.argument(
     "sources", metavar="INPUT...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )
-@options.output("OUT.json")
+@options.output("OUT.json", "Output file of the intrinsics.")
 @click.option(
     "--board",
     required=True,
@@ -70,7 +70,7 @@ def calibrate(
     selector: str | None,
     **layout: Any,
 ) -> None:
-    """Calibrate the intrinsics of a light-field camera from light fields of a checkerboard.
+    """Calibrate a light-field camera with a checkerboard.
 
     Each INPUT is a light field of the board in another pose. Take at least 3, better 10, tilted by
     20 to 40 degrees to all sides, over the distances to be measured later. Pass OUT.json to other

@@ -79,7 +79,7 @@ def depth(
     selector: str | None,
     **arguments: Any,
 ) -> None:
-    """Estimate the disparity of every pixel; write it as PFM, TIFF or NumPy, and as a picture.
+    """Estimate the disparity of every pixel.
 
     \b
     Example:

@@ -28,7 +28,10 @@ if TYPE_CHECKING:
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table (--check).")
 def devices(selector: str | None, check: bool, as_json: bool) -> None:
-    """List the OpenCL devices and mark the default device; or test them with --check.
+    """List or test the OpenCL devices.
+
+    The list marks the default device. --check ends with a sentence that says whether the devices
+    are fit for use.
 
     \b
     Example:
@@ -108,8 +111,24 @@ def _check(selector: str | None, as_json: bool) -> bool:
     if as_json:
         click.echo(json.dumps(numbers_of(reports), indent=1))
     else:
-        click.echo(paste_block(reports))
+        click.echo(f"{paste_block(reports)}\n\n{_verdict(reports)}")
     return not any(result.failed for report in reports for result in report.results)
+
+
+def _verdict(reports: list[DeviceReport]) -> str:
+    """Return a sentence about the devices that are fit for use and those that are not."""
+    failures = [[result.name for result in report.results if result.failed] for report in reports]
+    names = [report.facts.get("device", "the device").split("  ")[-1] for report in reports]
+    fit = [name for name, failed in zip(names, failures, strict=True) if not failed]
+    unfit = [
+        f"{name} (failed: {', '.join(failed)})"
+        for name, failed in zip(names, failures, strict=True)
+        if failed
+    ]
+    parts = [f"fit for use: {', '.join(fit)}"] if fit else []
+    parts += [f"not fit for use: {', '.join(unfit)}"] if unfit else []
+    sentence = "; ".join(parts) or "no device was tested"
+    return f"{sentence[0].upper()}{sentence[1:]}."
 
 
 def _report_of(device: Device, is_silent: bool) -> DeviceReport:

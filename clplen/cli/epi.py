@@ -33,11 +33,12 @@ def epi(
     selector: str | None,
     **layout: Any,
 ) -> None:
-    """Extract an epipolar-plane image: a row of pixels over a row of views, or a column of both.
+    """Extract an epipolar-plane image.
 
-    A point of the scene appears as a straight line, displaced by -d pixels from view to view for
-    the disparity d. If the light field stores its camera, the axes of the figure are in millimetres
-    and show the angle of the rays.
+    It shows a row of pixels over a row of views, or a column of pixels over a column. A point of
+    the scene appears as a straight line, displaced by -d pixels from view to view for the disparity
+    d. If the light field stores its camera, the axes of the figure are in millimetres and show the
+    angle of the rays.
 
     \b
     Example:

@@ -142,7 +142,7 @@ def info(
     selector: str | None,
     **layout: Any,
 ) -> None:
-    """Describe a file or folder, and check that its views are read in the right order.
+    """Describe a file, and check the order of its views.
 
     Light fields: size, type and range of the samples, dark views, and the sharpness of the focal
     stack in each of the eight orders of the view axes, with the options that correct a wrong order.

@@ -94,7 +94,7 @@ def refocus(
     selector: str | None,
     **layout: Any,
 ) -> None:
-    """Focus a light field on a plane, a pixel, a tilted plane, or everything.
+    """Focus a light field on a plane, a pixel or everything.
 
     --at, --tilt and --all-in-focus search the planes of --disparities or --alphas for the sharpest.
 

@@ -106,7 +106,7 @@ def render(
     selector: str | None,
     **layout: Any,
 ) -> None:
-    """Make a picture from another viewpoint, through another aperture, or a sweep of them.
+    """Render another viewpoint, another aperture or a sweep.
 
     \b
     Example:

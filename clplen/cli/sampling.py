@@ -82,10 +82,10 @@ RELATIVE_TOLERANCE = 1e-9  # of a distance: rounding at the ends of a sampled ra
 def sampling(
     pitch: Any, shape: Any, wavelength: float, distances: tuple[float, ...], **arguments: Any
 ) -> None:
-    """Report the sampling of a propagation, a lens and a lenslet array without computing fields.
+    """Check the sampling of a propagation, lens or lenslets.
 
-    Lengths have units: pm nm um mm cm m km; a bare number is in metres. A single length or number
-    sets both axes; pairs such as 5umx6.6um or 2048x3030 are y (rows) and x.
+    No field is computed. Lengths have units: pm nm um mm cm m km; a bare number is in metres. A
+    single length or number sets both axes; pairs such as 5umx6.6um or 2048x3030 are y (rows) and x.
 
     \b
     Example:

@@ -46,11 +46,12 @@ def score(
     offset: tuple[int, int] | None,
     as_json: bool,
 ) -> None:
-    """Compare a disparity map with the true one by the scores of the HCI benchmark.
+    """Score a disparity map against the true one.
 
-    Both maps are PFM, TIFF of floats or .npy. 8-bit pictures are rejected, since the scale of their
-    levels is unknown. The masks (mask_planes_lowres.png, ...) and parameters.cfg of the benchmark
-    are used if they lie in the folder of TRUTH.
+    The scores are those of the HCI benchmark. Both maps are PFM, TIFF of floats or .npy. 8-bit
+    pictures are rejected, since the scale of their levels is unknown. The masks
+    (mask_planes_lowres.png, ...) and parameters.cfg of the benchmark are used if they lie in the
+    folder of TRUTH.
 
     \b
     Example:

@@ -58,10 +58,11 @@ def _print_example(ctx: click.Context, _: click.Parameter, is_set: bool) -> None
 def simulate(
     camera: Path, output: str, checkpoint: Path | None, force: bool, selector: str | None
 ) -> None:
-    """Simulate the raw image and the light field of a camera and scene in a TOML file.
+    """Simulate the raw image of a camera and scene.
 
-    For a focused camera (plenoptic 2.0), raw.h5 with the raw image and the camera takes the place
-    of the light field: pass it to 'clplen render', 'stack' or 'depth'.
+    The TOML file CAMERA describes camera, scene and sensor. For a focused camera (plenoptic 2.0),
+    raw.h5 with the raw image and the camera takes the place of the light field: pass it to 'clplen
+    render', 'stack' or 'depth'.
 
     \b
     Example:

@@ -59,11 +59,12 @@ def stack(
     selector: str | None,
     **layout: Any,
 ) -> None:
-    """Refocus a light field on a series of planes; write an OME-TIFF or OME-Zarr of float32.
+    """Refocus a light field on a series of planes.
 
-    INPUT is a folder or zip of views, a mosaic of views, an HDF5, Zarr, MATLAB or NumPy file, or a
-    raw lenslet image or Lytro container with its --white. START:STOP:N means N planes, both ends
-    included. By default the planes cover the depth range of the light field.
+    The stack is linear float32. INPUT is a folder or zip of views, a mosaic of views, an HDF5,
+    Zarr, MATLAB or NumPy file, or a raw lenslet image or Lytro container with its --white.
+    START:STOP:N means N planes, both ends included. By default the planes cover the depth range of
+    the light field.
 
     \b
     Example:

@@ -101,7 +101,7 @@ def view(
     selector: str | None,
     **layout: Any,
 ) -> None:
-    """Show light fields, raw images, focal stacks, volumes and depth maps in a browser.
+    """Show light fields, stacks, volumes and maps in a browser.
 
     Without -o the page is served to this computer only, until it is closed; depth and exact
     pictures are then computed on demand by the device. Each input has a tab; --compare shows the

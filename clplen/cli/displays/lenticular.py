@@ -142,11 +142,12 @@ def lenticular(
     selector: str | None,
     **layout: Any,
 ) -> None:
-    """Make a print for a lenticular sheet, with strips of the views under each lens.
+    """Make a print for a lenticular sheet.
 
-    Intermediate views are rendered with the depth of the scene. Print the picture at its size,
-    without scaling. Print a pitch test first, and look at it from the viewing distance: it shows
-    the lpi of the sheet on this printer. With a nominal lpi, give --distance and --thickness.
+    The print has a strip of every view under each lens. Intermediate views are rendered with the
+    depth of the scene. Print the picture at its size, without scaling. Print a pitch test first,
+    and look at it from the viewing distance: it shows the lpi of the sheet on this printer. With a
+    nominal lpi, give --distance and --thickness.
 
     \b
     Example:

@@ -61,7 +61,7 @@ def poses(
     selector: str | None,
     **layout: Any,
 ) -> None:
-    """Write the views and their camera poses for NeRF, Gaussian splatting or COLMAP.
+    """Write views with poses for NeRF, splatting or COLMAP.
 
     Positions are in metres if lengths are given or the light field stores its camera. Otherwise
     the unit is the distance of neighbouring views.

@@ -69,9 +69,10 @@ def quilt(
     selector: str | None,
     **layout: Any,
 ) -> None:
-    """Make a quilt for a Looking Glass display: a picture with the views as tiles.
+    """Make a quilt for a Looking Glass display.
 
-    Intermediate views are rendered with the depth of the scene.
+    A quilt is a picture with the views as tiles. Intermediate views are rendered with the depth of
+    the scene.
 
     \b
     Example:

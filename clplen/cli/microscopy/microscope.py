@@ -45,7 +45,7 @@ MAX_RANGES = 2
 
 @click.group()
 def microscope() -> None:
-    """Light-field microscopes: point images (psf), frames (project), volumes (deconvolve)."""
+    """Simulate and process light-field microscopes."""
 
 
 def _print_example(ctx: click.Context, _: click.Parameter, is_set: bool) -> None:

@@ -328,7 +328,7 @@ def test_force_takes_a_doubtful_white_frame(
     def reached(*_: object, **__: object) -> None:
         raise FormatError("the white frame was taken")
 
-    monkeypatch.setattr("clplen.cli.microscopy.microscope._simulated", reached)
+    monkeypatch.setattr("clplen.cli.microscopy.microscope._simulate", reached)
     assert "or --force to go on" in said(run(*words))
     with warnings.catch_warnings():
         warnings.simplefilter("always")
