@@ -149,7 +149,7 @@ def test_bad_words(boards: list[Path], tmp_path: Path):
         (("--board", "4x6", "--spacing", "-25mm"), 2, "the length must be positive"),
         (("--board", "4x6", "--spacing", "nan"), 2, "'nan' is not a length"),
         (("--board", "5x7", "--spacing", "25mm"), 1, "too few light fields, 0 where at least 3"),
-        (("--board", "4x6", "--spacing", "25mm", "-o", "camera.txt"), 2, "ends in .json, not"),
+        (("--board", "4x6", "--spacing", "25mm", "-o", "camera.txt"), 2, "must end in .json, got"),
     ):
         out = tmp_path / "camera.json"
         np.save(tmp_path / "two.npy", np.load(boards[0])[:1, :2])

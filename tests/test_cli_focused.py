@@ -276,7 +276,7 @@ BAD = [
     (
         ("depth", "--baseline-mm", 1, "--focal-length-mm", 1, "--pixel-um", 1),
         2,
-        "--baseline-mm is for",
+        "--baseline-mm applies to",
     ),
 ]
 

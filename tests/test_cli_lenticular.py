@@ -262,7 +262,7 @@ def test_refusals(tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatc
     for lenses, shape, line in (("vertical", (5, 1), "column"), ("horizontal", (1, 5), "row")):
         np.save(tmp_path / "line.npy", np.ones((*shape, 20, 30), np.uint8))
         words = (tmp_path / "line.npy", "--lpi", 60, "-o", tmp_path / "a.png", "--lenses", lenses)
-        assert f"one {line} of views" in refused(run(device, *words))
+        assert f"a single {line} of views" in refused(run(device, *words))
     computed: list[object] = []
     monkeypatch.setattr("clplen.io.displays.lenticular.free_memory", lambda: 10**9)
     monkeypatch.setattr("clplen.lightfield.focus_and_depth.depth_map", computed.append)

@@ -219,7 +219,7 @@ WRONG = [
     (["lf.npy", "--compare"], "at least two inputs, got 1"),
     (["lf.npy", "lf.npy", "--time", "--compare"], "cannot be combined"),
     (["lf.npy", "--truth", "x.pfm"], "--truth needs --compare"),
-    (["lf.npy", "-o", "page.html", "--port", "8080"], "--port goes with a page"),
+    (["lf.npy", "-o", "page.html", "--port", "8080"], "--port applies to a served page"),
     (["lf.npy", "--downscale", "99", "-o", "page.html"], "have none by 99 x 99"),
     (["nan.npy", "-o", "page.html"], "NaN"),
     ([], "INPUT"),

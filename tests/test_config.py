@@ -587,7 +587,7 @@ def test_what_is_said_about_wrong_pictures_and_light(tmp_path: Path):
         (PICTURE + "[coherence]\nkoehler = true", r"coherence\.koehler applies to slides"),
         (LIT + 'spatial = "source"\nkind = "phase"', "coherence has kind, which applies to spat"),
         (LIT + "wavelengths = 9\nlines_nm = 500", r"coherence has wavelengths, which needs"),
-        (LIT + "rtol = 0.1", r"coherence has rtol, but a plane wave is the same in every snapshot"),
+        (LIT + "rtol = 0.1", r"coherence has rtol, but all snapshots of a plane wave are equal"),
         (
             LIT + 'fwhm_nm = 20\nspectrum = "mercury"',
             r"coherence has spectrum and fwhm_nm, but needs a single spectrum\.$",

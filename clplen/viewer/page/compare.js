@@ -33,6 +33,14 @@ export class CompareView {
     return this.views[0].stage;
   }
 
+  get hints() {
+    return this.views[0].hints;
+  }
+
+  get summary() {
+    return this.views[this.chosen].summary;
+  }
+
   get state() {
     return { ...Object.assign({}, ...this.views.map((view, i) => prefixed(view.state, i))), gain: this.gain };
   }

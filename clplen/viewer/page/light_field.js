@@ -73,6 +73,25 @@ export class LightFieldView {
     return this.loaded === this.item.samples.blobs.length;
   }
 
+  /** Actions and the sentences that explain them until they were done. */
+  get hints() {
+    return this.state.show === "picture" ? { drag: "Drag to look around.", click: "Click to focus." } : {};
+  }
+
+  /** Viewpoint or aperture, and focus, as a line of text. */
+  get summary() {
+    const { state, item } = this;
+    const [V, U] = item.shape;
+    const at = `(v, u) = (${digits(state.v, 3)}, ${digits(state.u, 3)})`;
+    const shapes = {
+      one: `View ${at} of ${V} x ${U}`,
+      disc: `Disc of ${digits(100 * state.diameter, 3)} % of the views at ${at}`,
+      square: `${state.across} x ${state.across} views at ${at}`,
+      all: `All ${V} x ${U} views`,
+    };
+    return `${shapes[state.shape]}; ${state.sharp ? "all in focus" : `focus at ${this.planeName()}`}`;
+  }
+
   // ---- data
 
   async load() {
@@ -484,7 +503,7 @@ export class LightFieldView {
 
   async copyText(text, what) {
     if (text === null) {
-      this.say("The page keeps the middle views only: no aperture of the whole light field is this one.");
+      this.say("This aperture has no command, because the page keeps the central views only.");
       return;
     }
     await copy(text);

@@ -26,6 +26,7 @@ const KEYS = [
   ["f", "full screen"],
 ];
 const HASH_DELAY = 200; // milliseconds
+const HINTS_KEY = "clplen-hints"; // names of the actions that need no hint any more
 
 /**
  * Show what a source holds; {view, views, ready, end}, ready being a promise and end() letting go.
@@ -57,7 +58,14 @@ async function show(root, source, viewer, { status, said, hash, signal }) {
   const { content } = source;
   let timer = null;
   let shown = 0;
+  const hint = new Hint();
+  let hovered = "";
+  const describe = () => {
+    hint.show(viewer.view.hints);
+    status.textContent = [viewer.view.summary, hovered].filter(Boolean).join(" \u00b7 ");
+  };
   const write = () => {
+    if (viewer.view) describe();
     clearTimeout(timer);
     if (hash) timer = setTimeout(() => root.isConnected && writeHash(viewer.view, shown), HASH_DELAY);
   };
@@ -78,11 +86,19 @@ async function show(root, source, viewer, { status, said, hash, signal }) {
     shown = index;
     const view = viewer.views[index];
     viewer.view = view;
-    main.replaceChildren(view.main);
+    main.replaceChildren(view.main, hint.element);
     tools.replaceChildren(view.tools);
     for (const [i, tab] of [...tabs.children].entries()) tab.setAttribute("aria-selected", i === index);
-    view.onHover ??= (text) => (status.textContent = text);
+    hovered = "";
+    view.onHover ??= (text) => {
+      hovered = text;
+      describe();
+    };
     view.stage.link.onLook = write;
+    view.stage.link.onUse = (action) => {
+      hint.finish(action);
+      describe();
+    };
     if (!view.begun) {
       view.begun = true;
       await view.load();
@@ -117,7 +133,40 @@ async function show(root, source, viewer, { status, said, hash, signal }) {
   await choose(hash ? readHash(viewer.views) : 0);
 }
 
-/** Whether a key is for the picture: not what is typed into a field, nor what presses or moves a control. */
+/** A line over the picture that explains actions until each was done once, in any page of this browser. */
+class Hint {
+  constructor() {
+    this.finished = new Set(stored());
+    this.element = element("p", { class: "hint", hidden: true });
+  }
+
+  /** Show the sentences of the actions that were not done yet: {action: sentence}. */
+  show(hints) {
+    const open = Object.entries(hints).filter(([action]) => !this.finished.has(action));
+    this.element.hidden = open.length === 0;
+    this.element.textContent = [...open.map(([, sentence]) => sentence), "Press ? for all keys."].join(" ");
+  }
+
+  finish(action) {
+    this.finished.add(action);
+    try {
+      localStorage.setItem(HINTS_KEY, JSON.stringify([...this.finished]));
+    } catch {
+      // storage is disabled, or a frame without an address of its own
+    }
+  }
+}
+
+function stored() {
+  try {
+    const names = JSON.parse(localStorage.getItem(HINTS_KEY) ?? "[]");
+    return Array.isArray(names) ? names : [];
+  } catch {
+    return [];
+  }
+}
+
+/** True if a key is for the picture: not typed into a field, and not used by a control. */
 function takesKey({ key, target }) {
   const control = target.closest?.("input, select, textarea, button");
   if (!control) return true;

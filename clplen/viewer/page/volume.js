@@ -56,6 +56,19 @@ export class VolumeView {
     return this.frames.has(this.state.t);
   }
 
+  /** Actions and the sentences that explain them until they were done. */
+  get hints() {
+    return this.Z > 1 ? { click: "Click to move the cross." } : {};
+  }
+
+  /** Size and position as a line of text. */
+  get summary() {
+    const { T, Z, ny, nx, state } = this;
+    const size = `${Z > 1 ? `${Z} planes of ` : ""}${ny} x ${nx} pixels`;
+    const time = T > 1 ? `, time ${state.t} of 0 to ${T - 1}` : "";
+    return Z > 1 ? `${size}${time}; ${this.planeName()}, cross at y ${state.y}, x ${state.x}` : `${size}${time}`;
+  }
+
   // ---- data
 
   async load() {
