@@ -63,7 +63,7 @@ def test_units_of_a_camera_file(tmp_path: Path) -> None:
             "wavelength_nm = 0.593",
             "camera.wavelength_nm is 0.593; it must be 150 to 3000 nm: did you mean 593?",
         ),
-        ("focal_length_mm = 2.5", "focal_length_mm = 2500", "focal_length_mm is 2500; it must be 0.01 to 200 mm"),
+        ("focal_length_mm = 2.5", "focal_length_mm = 2500", "is 2500; it must be 0.01 to 200 mm"),
         ("pixels_per_lenslet = 15", "pixels_per_lenslet = 1.5", "must be 3 to 1000"),
         ("tube_lens_mm = 200", "tube_lens_mm = 0.2", "did you mean 200?"),
     ]:
