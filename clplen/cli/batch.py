@@ -223,9 +223,9 @@ def _print_estimate(job: Job) -> None:
 
     estimate = estimate_job(job)
     for line in estimate.lines[:_MAX_LISTED_ITEMS]:
-        how = f"fails: {line.problem}" if line.problem else _sizes(line.read, line.written)
-        how = how if line.problem or line.written else "size of the outputs unknown"
-        click.echo(f"  {line.name}: {how}{', streamed' if line.streamed else ''}")
+        sizes_text = f"fails: {line.problem}" if line.problem else _sizes(line.read, line.written)
+        sizes_text = sizes_text if line.problem or line.written else "size of the outputs unknown"
+        click.echo(f"  {line.name}: {sizes_text}{', streamed' if line.streamed else ''}")
     if estimate.todo > _MAX_LISTED_ITEMS:
         click.echo(f"  and {estimate.todo - _MAX_LISTED_ITEMS} more")
     sizes = _sizes(estimate.read, estimate.written)

@@ -81,23 +81,23 @@ def bench(
     from clplen.bench.environment import describe_environment, quiet_enough
     from clplen.compute.device import Device
 
-    chosen = names or registry.NAMES
-    benchmarks = {name: registry.find_benchmark(name) for name in chosen}
+    selection = names or registry.NAMES
+    benchmarks = {name: registry.find_benchmark(name) for name in selection}
     if listed:
         click.echo(
             "\n".join(f"{name:12s} {benchmark.summary}" for name, benchmark in benchmarks.items())
         )
         return
-    if sizes and len(chosen) != 1:
+    if sizes and len(selection) != 1:
         raise click.UsageError("--size applies to a single benchmark: give its NAME.")
     if profiled and as_json:
         raise click.UsageError("--profile cannot be combined with --json: give one of them.")
     logging.getLogger("clplen").setLevel(logging.WARNING)  # hides the readers' log lines
     before = results.read_run(saved) if saved else None
     device = Device.open(selector)
-    where, busy = describe_environment(device), quiet_enough()
+    environment, busy = describe_environment(device), quiet_enough()
     if not as_json:
-        click.echo(f"{results.device_text(where)}\n")
+        click.echo(f"{results.device_text(environment)}\n")
     reports = []
     for benchmark in benchmarks.values():
         for size in sizes or ((benchmark.quick,) if quick else benchmark.sizes):
@@ -106,7 +106,7 @@ def bench(
             if report and not as_json:
                 click.echo("\n".join([results.report_text(report), *lines, ""]))
     if as_json:
-        click.echo(results.run_as_json(reports, where))
+        click.echo(results.run_as_json(reports, environment))
     if before is not None:
         click.echo(results.compare_runs(reports, before), err=as_json)
     if busy:

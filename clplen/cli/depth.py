@@ -120,10 +120,10 @@ def depth(
         )
         return
     _check_names(source, arguments, (output, confidence), lengths, picture)
-    with _opened(source, selector, arguments, memory) as (opened, device):
-        if isinstance(opened, LightField):
-            note_nearly_black(opened, aperture)
-        lf = through(opened, aperture)
+    with _opened(source, selector, arguments, memory) as (source_light_field, device):
+        if isinstance(source_light_field, LightField):
+            note_nearly_black(source_light_field, aperture)
+        lf = through(source_light_field, aperture)
         if lengths is not None:
             metric.check_camera(lf, lengths)
         planes = planes_of(lf, disparities, alphas)
@@ -139,13 +139,15 @@ def depth(
         metric.write_map(confidence, depth.confidence)
     plot.save(plot.depth(depth, title=f"disparity of {verbatim(source.name)}"), picture)
     valid = depth.disparity[np.isfinite(depth.disparity)]
-    tried = disparities_of(lf, planes)
-    noted = note_end(tried, valid, "for more than half of the pixels the sharpest plane is")
+    tried_disparities = disparities_of(lf, planes)
+    noted = note_end(
+        tried_disparities, valid, "for more than half of the pixels the sharpest plane is"
+    )
     extra = "" if confidence is None else f", {confidence} holds their confidence"
     view = f"{picture} shows them" + (" with their confidence" if confidence is None else "")
     click.echo(f"{output} holds the disparities, {view}{extra}{''.join(text.files)}.")
     click.echo(_summary(depth))
-    fraction = fraction_at_ends(tried, valid)
+    fraction = fraction_at_ends(tried_disparities, valid)
     if fraction > MAX_AT_ENDS and not noted:
         click.echo(
             f"{100 * fraction:.0f} % of the pixels lie at the first or last plane: give a wider "
@@ -164,8 +166,8 @@ def _opened(
         lf = read(source, selector, layout)
         yield lf, lf.device
     else:
-        with open_stored(source, selector, layout) as opened:
-            yield opened
+        with open_stored(source, selector, layout) as pair:
+            yield pair
 
 
 def _depth(

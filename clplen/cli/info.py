@@ -96,9 +96,9 @@ def volume_info(
         rows.append(
             ("Residual", f"{about['residuals'][-1]:.3g} after {len(about['residuals'])} iterations")
         )
-    near = about.get("degenerate_um")
-    if near:
-        ends = f"z from {min(near):g} to {max(near):g} um"
+    degenerate = about.get("degenerate_um")
+    if degenerate:
+        ends = f"z from {min(degenerate):g} to {max(degenerate):g} um"
         rows.append(("Degenerate", f"{ends}: details finer than a lenslet are not resolved"))
     if "place" in about:
         y, x = about["place"]["first"]
@@ -284,7 +284,7 @@ def _point_image_info(
     n, v = parameters["pixels_per_lenslet"], parameters["voxels_per_lenslet"]
     cell = cell_in(parameters, v, n)
     (ny, nx), (vy, vx), (down, across) = cell.pixels, cell.voxels, cell.lenslets
-    what = "a lenslet" if down * across == 1 else f"a cell of {down} x {across} lenslets"
+    unit_cell = "a lenslet" if down * across == 1 else f"a cell of {down} x {across} lenslets"
     reaches = ", ".join(str(shape[2] // nx) for shape in shapes)
     side = parameters["lenslet_pitch"] / (parameters["magnification"] * v)
     size = sum(map(math.prod, shapes)) * np.dtype(parameters["store"]).itemsize
@@ -302,10 +302,10 @@ def _point_image_info(
         ("Pupil", pupil_words(parameters.get("pupil"))),
         ("Lenslets", f"pitch {parameters['lenslet_pitch'] * 1e6:g} um, focal length "
             f"{parameters['lenslet_focal_length'] * 1e6:g} um, fill {parameters['lenslet_fill']}"),
-        ("Pixels", f"{ny} x {nx} {what}, of {binning} x {binning} parts"),
-        ("Voxels", f"{vy} x {vx} {what}, {side * 1e6:.4g} um apart"),
+        ("Pixels", f"{ny} x {nx} {unit_cell}, of {binning} x {binning} parts"),
+        ("Voxels", f"{vy} x {vx} {unit_cell}, {side * 1e6:.4g} um apart"),
         ("Planes", f"{len(shapes)}, z = {planes} um; farther from the objective positive"),
-        ("Images", f"of {reaches} {what.split()[1]}s across"),
+        ("Images", f"of {reaches} {unit_cell.split()[1]}s across"),
         ("Memory", f"{size:,} bytes, {parameters['store']}; {parameters['cut']:g} of light cut"),
     ]  # fmt: skip
     return rows, {"file": source, "kind": kind, **parameters, "shapes": shapes}

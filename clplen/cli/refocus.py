@@ -124,15 +124,15 @@ def refocus(
         picture = lf.flatten(
             disparity=read_map(depth_file, lf), aperture=aperture, interpolation=interpolation
         ).to_numpy()
-        where = f"the surface in {depth_file}"
+        target = f"the surface in {depth_file}"
     elif all_in_focus:
-        picture, where = _sharp(lf, planes_of(lf, disparities, alphas), aperture)
+        picture, target = _sharp(lf, planes_of(lf, disparities, alphas), aperture)
     else:
         if alpha is None:
-            d, where = _surface(lf, disparity, at, tilt, disparities, alphas)
+            d, target = _surface(lf, disparity, at, tilt, disparities, alphas)
             plane = {"disparity": d}
         elif np.isfinite(lf.alpha(0.0)):
-            plane, where = {"alpha": alpha}, f"alpha = {alpha:g}"
+            plane, target = {"alpha": alpha}, f"alpha = {alpha:g}"
         else:
             raise ValueError(
                 "--alpha = F/F' needs the image distance F and the spacing of views and pixels in "
@@ -141,7 +141,7 @@ def refocus(
         picture = _focused(lf, plane, aperture, upsample, interpolation)
     linear = layout["srgb"] or lf.linear
     description = write(output, picture, lf, srgb=linear, upsample=upsample, tone=scaling)
-    click.echo(f"{output}: focused on {where}, {description}.")
+    click.echo(f"{output}: focused on {target}, {description}.")
 
 
 def _check_target(*targets: Any) -> None:
@@ -213,12 +213,12 @@ def _surface(
         return disparity, f"d = {disparity:g}"
     points = [at] if at else list(tilt)
     pixels = [pixel_of(lf, point) for point in points]
-    depth, tried = None, np.array([])
+    depth, tried_disparities = None, np.array([])
     if any(len(point) == 2 for point in points):
         planes = planes_of(lf, disparities, alphas)
-        depth, tried = depth_map(lf, **planes), disparities_of(lf, planes)
+        depth, tried_disparities = depth_map(lf, **planes), disparities_of(lf, planes)
     depths = [
-        point[2] if len(point) == 3 else _depth_at(depth, pixel, tried)
+        point[2] if len(point) == 3 else _depth_at(depth, pixel, tried_disparities)
         for point, pixel in zip(points, pixels, strict=True)
     ]
     if at:
@@ -228,11 +228,11 @@ def _surface(
     return plane, f"the plane of d = {values} at the three pixels"
 
 
-def _depth_at(depth: DepthMap | None, pixel: tuple[int, int], tried: Values) -> float:
+def _depth_at(depth: DepthMap | None, pixel: tuple[int, int], disparities: Values) -> float:
     if depth is None:
         raise ValueError("No depth map was computed.")
     d = float(depth.disparity[pixel])
-    at_end = note_end(tried, d, f"at {pixel[0]},{pixel[1]} the sharpest plane is")
+    at_end = note_end(disparities, d, f"at {pixel[0]},{pixel[1]} the sharpest plane is")
     if not at_end and not depth.confidence[pixel] > MIN_CONFIDENCE:
         note(
             f"at {pixel[0]},{pixel[1]} the scene has too little texture to estimate depth, or lies "

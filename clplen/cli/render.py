@@ -127,9 +127,9 @@ def render(
         refuse_options(disparities=disparities, alphas=alphas)
         _check_output(source, output, layout, sweep)
         check_raw_picture(source, image, output)
-        opened = open_raw(source, selector, layout, image)
+        raw_input = open_raw(source, selector, layout, image)
         raw_settings |= {"step": layout["step"], "aperture": fraction(aperture)}
-        description = _render_focused(opened, output, sweep, seconds, raw_settings)
+        description = _render_focused(raw_input, output, sweep, seconds, raw_settings)
         click.echo(f"{output}: {description}.")
         return
     _check_words(
@@ -202,7 +202,7 @@ def _planes(lf: LightField, disparities: Any, alphas: Any) -> np.ndarray[Any, An
 
 
 def _render_focused(
-    opened: RawInput,
+    raw_input: RawInput,
     output: Path,
     sweep: str | None,
     seconds: float | None,
@@ -214,16 +214,16 @@ def _render_focused(
 
     method, ms = settings.pop("method"), settings.pop("m")
     arguments = {name: value for name, value in settings.items() if value is not None}
-    arguments["white"] = opened.white
+    arguments["white"] = raw_input.white
     if sweep:
         if method not in (None, "blended") or "patch" in arguments or "view" in arguments:
             raise click.UsageError(
                 "--sweep cannot be combined with --method, --patch or --view: leave them out."
             )
         sweep_frames = _around if sweep == "views" else _through
-        frames = sweep_frames(opened, ms, arguments)
+        frames = sweep_frames(raw_input, ms, arguments)
         return animate(output, frames, np.dtype(np.float32), seconds=seconds)
-    picture = render_focused(opened.raw, method=method or "blended", m=_single(ms), **arguments)
+    picture = render_focused(raw_input.raw, method=method or "blended", m=_single(ms), **arguments)
     size = abs(picture.ratio) * picture.geometry.pitch
     description = f"{method or 'blended'}, m = {picture.m:.4g}, patches of {size:.2f} px"
     if output.suffix.lower() == ".png":
@@ -242,26 +242,26 @@ def _single(ms: Any) -> float | None:
     return None if ms is None else float(ms[0])
 
 
-def _around(opened: RawInput, ms: Any, arguments: dict[str, Any]) -> np.ndarray[Any, Any]:
+def _around(raw_input: RawInput, ms: Any, arguments: dict[str, Any]) -> np.ndarray[Any, Any]:
     """Render viewpoints on a circle, each with a small aperture."""
     from clplen.lightfield.focused.focused_rendering import render_focused
 
     m = _single(ms)
-    first = render_focused(opened.raw, m=m, **arguments)
+    first = render_focused(raw_input.raw, m=m, **arguments)
     pitch = first.geometry.pitch
     radius = _ELLIPSE * (1 - abs(first.ratio)) * pitch / 2
     aperture = min(arguments["aperture"], max(abs(first.ratio), 2 / pitch))
     turn = 2 * np.pi * np.arange(_FRAMES) / _FRAMES
     arguments = arguments | {"m": first.m, "aperture": aperture}
     views = [(radius * float(np.sin(t)), radius * float(np.cos(t))) for t in turn]
-    frames = [render_focused(opened.raw, view=view, **arguments).to_numpy() for view in views]
+    frames = [render_focused(raw_input.raw, view=view, **arguments).to_numpy() for view in views]
     return np.stack(frames)
 
 
-def _through(opened: RawInput, ms: Any, arguments: dict[str, Any]) -> np.ndarray[Any, Any]:
+def _through(raw_input: RawInput, ms: Any, arguments: dict[str, Any]) -> np.ndarray[Any, Any]:
     """Render the planes forth and back."""
     from clplen.lightfield.focused.focused_rendering import focused_stack
 
-    planes = suitable_ms(opened, _PLANES) if ms is None else ms
-    stack = focused_stack(opened.raw, ms=planes, **arguments).to_numpy()
+    planes = suitable_ms(raw_input, _PLANES) if ms is None else ms
+    stack = focused_stack(raw_input.raw, ms=planes, **arguments).to_numpy()
     return np.concatenate((stack, stack[-2:0:-1]))

@@ -122,19 +122,19 @@ def _stack_focused(
     from clplen.lightfield.focused.focused_rendering import focused_stack
 
     share = fraction(aperture)
-    opened = open_raw(source, selector, layout, image)
-    planes = suitable_ms(opened, DEFAULT_PLANES) if ms is None else ms
+    raw_input = open_raw(source, selector, layout, image)
+    planes = suitable_ms(raw_input, DEFAULT_PLANES) if ms is None else ms
     images = focused_stack(
-        opened.raw,
+        raw_input.raw,
         ms=planes,
         step=layout["step"],
         view=view or (0.0, 0.0),
         aperture=share,
-        white=opened.white,
+        white=raw_input.white,
     )
     write_focused(output, images, replace=True)
-    where = f"m = {planes[0]:.4g}" + (f" to {planes[-1]:.4g}" if len(planes) > 1 else "")
-    click.echo(f"{output} holds {options.planes(len(planes))}, {where}.")
+    planes_text = f"m = {planes[0]:.4g}" + (f" to {planes[-1]:.4g}" if len(planes) > 1 else "")
+    click.echo(f"{output} holds {options.planes(len(planes))}, {planes_text}.")
 
 
 def _stream(

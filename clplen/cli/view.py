@@ -130,8 +130,8 @@ def view(
     def focused(source: Path) -> Any:
         if not is_self_describing(source):
             return None
-        opened = open_raw(source, selector, layout, None)
-        return opened, suitable_ms(opened, FOCUSED_PLANES)
+        raw_input = open_raw(source, selector, layout, None)
+        return raw_input, suitable_ms(raw_input, FOCUSED_PLANES)
 
     builder = PageBuilder(
         content, PageOptions(quality, downscale, most_views), layout, selector, depth, focused,

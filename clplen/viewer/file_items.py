@@ -284,21 +284,19 @@ class PageBuilder:
         item["python"] = f"data = {call}({str(source)!r})"
         return item
 
-    def _focused_items(self, opened: FocusedImage, ms: Values, name: str) -> list[Item]:
+    def _focused_items(self, image: FocusedImage, ms: Values, name: str) -> list[Item]:
         """Return all-in-focus picture, planes, m and raw image of a focused camera as items."""
         from clplen.io.page.volume_item import volume_item
         from clplen.lightfield.focused.focused_depth import focused_depth, focused_maps
         from clplen.lightfield.focused.focused_picture import PictureGrid
         from clplen.lightfield.focused.focused_rendering import focused_stack, render_focused
 
-        depth = focused_depth(opened.raw, white=opened.flat)
+        depth = focused_depth(image.raw, white=image.flat)
         step = self.layout["step"]
-        sharp = render_focused(
-            opened.raw, method="depth", depth=depth, white=opened.white, step=step
-        )
-        stack = focused_stack(opened.raw, ms=ms, white=opened.white, step=step)
+        sharp = render_focused(image.raw, method="depth", depth=depth, white=image.white, step=step)
+        stack = focused_stack(image.raw, ms=ms, white=image.white, step=step)
         maps = focused_maps(
-            opened.raw,
+            image.raw,
             depth,
             grid=PictureGrid.over(depth.geometry, depth.geometry.patch(depth.median), step),
         )
@@ -306,7 +304,7 @@ class PageBuilder:
             ("sharp", sharp.to_numpy()[None, None], {}),
             ("planes", stack.to_numpy()[None], {"planes": ("m", "", ms)}),
             ("depth", maps.m[None, None], {"unit": "m = b/a", "table": "viridis"}),
-            ("raw", opened.raw.to_numpy()[None, None], {}),
+            ("raw", image.raw.to_numpy()[None, None], {}),
         ]
         n = self.options.downscale
         return [

@@ -516,7 +516,7 @@ def test_the_widget_in_a_notebook(browser):
     page.wait_for_selector("#cell .stage canvas")
     page.wait_for_timeout(300)
     assert page.evaluate("location.hash") == ""  # the notebook's address is not the viewer's
-    page.get_by_role("button", name="Find depth").click()
+    page.get_by_role("button", name="Compute depth").click()
     page.wait_for_timeout(100)
     asked = page.evaluate("window.sent")
     assert asked["request"]["kind"] == "depth"

@@ -130,8 +130,8 @@ def _error_context(path: Path | None, name: str, settings: Iterable[Setting]) ->
     except (ValueError, ClplenError) as error:
         values = ", ".join(f"{setting.key} = {setting.value!r}" for setting in settings)
         item = f"item {name!r}" + (f" ({values})" if values else "")
-        where = "" if path is None else f"{path}, "
-        raise FormatError(f"{where}{item}: {str(error).rstrip('.')}.") from error
+        file_prefix = "" if path is None else f"{path}, "
+        raise FormatError(f"{file_prefix}{item}: {str(error).rstrip('.')}.") from error
 
 
 def validate_content(model: type[Model], content: dict[str, Any], folder: Path) -> Model:

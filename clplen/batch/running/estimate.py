@@ -104,9 +104,9 @@ def estimate_job(job: JobSpec, *, sample: bool = True) -> JobEstimate:
         share = len(plan.todo) / max(len(lines), 1)
         read, written = (share * sum(getattr(x, n) for x in lines) for n in ("read", "written"))
         seconds, description = float("nan"), "not measured"
-        chosen = _middle(plan.todo, lines) if sample else None
-        if chosen is not None:
-            task, line = chosen
+        sample_item = _middle(plan.todo, lines) if sample else None
+        if sample_item is not None:
+            task, line = sample_item
             seconds, description = _measure(replace(task, folder=str(scratch)), resources)
             has_sizes = all(item.written for item in lines if not item.problem)
             size = line.read + line.written
@@ -137,11 +137,11 @@ def _middle(
     tasks: Sequence[Task], lines: Sequence[ItemEstimate]
 ) -> tuple[Task, ItemEstimate] | None:
     """Return the item of median size among the items without problems."""
-    good = [pair for pair in zip(tasks, lines, strict=False) if not pair[1].problem]
-    if not good:
+    candidates = [pair for pair in zip(tasks, lines, strict=False) if not pair[1].problem]
+    if not candidates:
         return None
-    order = np.argsort([line.read + line.written for _, line in good], kind="stable")
-    return good[int(order[len(order) // 2])]
+    order = np.argsort([line.read + line.written for _, line in candidates], kind="stable")
+    return candidates[int(order[len(order) // 2])]
 
 
 def _measure(task: Task, resources: Resources) -> tuple[float, str]:

@@ -84,15 +84,15 @@ def quilt(
     from clplen.io.displays.quilt import DISPLAYS, QuiltLayout, check_memory, write_quilt
 
     default = DISPLAYS[display]
-    chosen = QuiltLayout(
+    quilt_layout = QuiltLayout(
         default.columns if columns is None else columns,
         default.rows if rows is None else rows,
         size or default.size,
         default.aspect if aspect is None else aspect,
     )
-    target = chosen.name(output)
+    target = quilt_layout.name(output)
     check_output(source, target, layout, (".png",))
-    check_memory(chosen, 3)
+    check_memory(quilt_layout, 3)
     scene = open_scene(
         source,
         selector,
@@ -103,17 +103,18 @@ def quilt(
         disparities=disparities,
         alphas=alphas,
     )
-    viewpoints = scene.across(span, chosen.views)
+    viewpoints = scene.across(span, quilt_layout.views)
     shifts = scene.shifts(viewpoints)
-    window = display_window(scene.lf.shape[2:4], shifts, chosen.aspect)
-    scene.note_parallax(viewpoints, window, chosen.tile[1], "pixel of a tile")
-    write_quilt(target, _tiles(scene, viewpoints, shifts, window, chosen), chosen)
+    window = display_window(scene.lf.shape[2:4], shifts, quilt_layout.aspect)
+    scene.note_parallax(viewpoints, window, quilt_layout.tile[1], "pixel of a tile")
+    write_quilt(target, _tiles(scene, viewpoints, shifts, window, quilt_layout), quilt_layout)
     first, last = viewpoints[0][1], viewpoints[-1][1]
     click.echo(
-        f"{target}: {chosen.views} views from u = {first:g} to {last:g} in {chosen.columns} x "
-        f"{chosen.rows} tiles of {chosen.tile[1]} x {chosen.tile[0]} pixels; disparity "
-        f"{scene.zero:.3g} lies in the plane of the display, which shows {window.size[1]:.0f} x "
-        f"{window.size[0]:.0f} of the {scene.lf.shape[3]} x {scene.lf.shape[2]} pixels of a view."
+        f"{target}: {quilt_layout.views} views from u = {first:g} to {last:g} in "
+        f"{quilt_layout.columns} x {quilt_layout.rows} tiles of {quilt_layout.tile[1]} x "
+        f"{quilt_layout.tile[0]} pixels; disparity {scene.zero:.3g} lies in the plane of the "
+        f"display, which shows {window.size[1]:.0f} x {window.size[0]:.0f} of the "
+        f"{scene.lf.shape[3]} x {scene.lf.shape[2]} pixels of a view."
     )
 
 

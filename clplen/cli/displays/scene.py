@@ -131,15 +131,15 @@ class Scene:
         steps = np.stack([viewpoint_step(self.lf, *at) for at in viewpoints])
         axis = "vu".index(along)
         step = float(np.abs(np.diff(steps[:, axis])).max()) * samples / window.size[axis]
-        away = np.abs(self.disparity - self.zero)
-        moved = step * float(np.percentile(away, _PERCENTILE))
-        if moved <= 1:
+        distances = np.abs(self.disparity - self.zero)
+        motion = step * float(np.percentile(distances, _PERCENTILE))
+        if motion <= 1:
             return
-        share = 100 * float(np.mean(step * away > 1))
+        share = 100 * float(np.mean(step * distances > 1))
         note(
             f"{share:.0f} % of the pixels move by more than 1 {unit} from view to "
-            f"view, by up to {step * float(away.max()):.1f}, and will show double edges: reduce "
-            "--span, or use more views."
+            f"view, by up to {step * float(distances.max()):.1f}, and will show double edges: "
+            "reduce --span, or use more views."
         )
 
 

@@ -113,8 +113,8 @@ def deconvolve(
     deconvolution.require_white(white is not None)
     lattice_settings.require_no_white(white is not None)
     pages = [page for path in frames for page in pages_of(path)]
-    in_one = len(pages) > 1 and _NAME not in str(output)
-    if not in_one:
+    is_single_file = len(pages) > 1 and _NAME not in str(output)
+    if not is_single_file:
         deconvolution.require_series(False, in_turn=True)
         if preview is not None:
             raise click.UsageError(
@@ -128,7 +128,7 @@ def deconvolve(
         )
     inputs = (source, white, dark, lattice_settings.lattice, lattice_settings.mask)
     others = [Path(path) for path in inputs if path is not None]
-    if in_one:
+    if is_single_file:
         series_file.check(output, preview, pages, others, force)
     else:
         outputs = _outputs(pages, output, others, force)
@@ -146,12 +146,14 @@ def deconvolve(
     begin = Start(deconvolution.start, images, motion=deconvolution.motion)
     files: dict[str, Any] = {"white": white, "dark": dark}
     files |= {"mask": lattice_settings.mask, "lattice": lattice}
-    opened = partial(_open, images, deconvolution, selector, memory=memory, force=force, **files)
+    open_series = partial(
+        _open, images, deconvolution, selector, memory=memory, force=force, **files
+    )
     shared = provenance(images, deconvolution, **files)
-    if in_one:
+    if is_single_file:
         series_settings = words_of_series(pages, shared, begin.words, deconvolution.rolling)
         request = series_file.SeriesRequest(output, pages, deconvolution.batch, preview, force)
-        series_file.write(request, series_settings, opened)
+        series_file.write(request, series_settings, open_series)
         return
     jobs = _jobs(pages, shared, begin)
     todo = [not _is_done(out, job) for out, job in zip(outputs, jobs, strict=True)]
@@ -159,7 +161,7 @@ def deconvolve(
         click.echo(f"{out} is up to date.")
     if not any(todo):
         return
-    series, before = opened(), None
+    series, before = open_series(), None
     checks = series.checks()
     for text in checks:
         note(text)
@@ -171,12 +173,12 @@ def deconvolve(
 
 
 def _open(
-    images: AnyImages, how: DeconvolutionSettings, selector: str | None, **files: Any
+    images: AnyImages, settings: DeconvolutionSettings, selector: str | None, **files: Any
 ) -> Deconvolver:
     """Open the device, and prepare the deconvolution of all frames."""
     from clplen.microscopy.pipeline import Deconvolver
 
-    return Deconvolver(images, how, device=open_device(selector), **files)
+    return Deconvolver(images, settings, device=open_device(selector), **files)
 
 
 def _write_volume(
@@ -206,8 +208,8 @@ def _write_volume(
         )
     result_remarks = series.diagnose(frame, result)
     _note_remarks(page, result_remarks)
-    more = {"remarks": checks + remarks + result_remarks, "place": series.place(), "job": job}
-    write_result(output, result, series.images, more=more, replace=True)
+    metadata = {"remarks": checks + remarks + result_remarks, "place": series.place(), "job": job}
+    write_result(output, result, series.images, more=metadata, replace=True)
     size = " x ".join(str(n) for n in result.volume.shape)
     text = f"{output} holds {size} voxels (z, y, x) of {series.images.side * 1e6:.4g} um "
     text += (
@@ -229,9 +231,9 @@ def _outputs(pages: list[Page], output: Path, others: list[Path], force: bool) -
 
     check_suffix(output, (".tif", ".tiff", ".zarr"))
     paths = [Path(str(output).replace(_NAME, page.name)) for page in pages]
-    doubled = sorted({str(out) for out in paths if paths.count(out) > 1})
-    if doubled:
-        raise click.UsageError(f"Two frames have the output {doubled[0]}: rename one of them.")
+    duplicates = sorted({str(out) for out in paths if paths.count(out) > 1})
+    if duplicates:
+        raise click.UsageError(f"Two frames have the output {duplicates[0]}: rename one of them.")
     if output.suffix.lower() == ".zarr":
         zarr_package("write .ome.tif")
     read = [*{page.path for page in pages}, *others]
@@ -241,16 +243,16 @@ def _outputs(pages: list[Page], output: Path, others: list[Path], force: bool) -
     return paths
 
 
-def _jobs(pages: list[Page], shared: dict[str, Any], begin: Start) -> list[dict[str, Any]]:
+def _jobs(pages: list[Page], shared: dict[str, Any], start: Start) -> list[dict[str, Any]]:
     """Return the inputs and settings of each volume, to be stored with it."""
     from clplen.io.store.digest import digest
 
     digests = {path: digest(path) for path in {page.path for page in pages}}
     jobs = [{"frame": digests[page.path], "number": page.number, **shared} for page in pages]
-    if begin.name:
+    if start.name:
         for earlier, later in pairwise(jobs):
-            if begin.name != "previous":
-                later["begin"] = begin.words
+            if start.name != "previous":
+                later["begin"] = start.words
             later["start"] = sha256(json.dumps(earlier, sort_keys=True).encode()).hexdigest()
     return jobs
 

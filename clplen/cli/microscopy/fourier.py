@@ -109,8 +109,8 @@ def _repaired(camera: FourierMicroscope, stack: Any, z: Any) -> Any:
     from clplen.microscopy.frames.outliers import without_hot_pixels
     from clplen.microscopy.frames.sharpness import chosen_planes, sharpness
 
-    some = np.asarray(z)[chosen_planes(len(z))]
-    frames, hot = without_hot_pixels(stack, sharpness(fourier_point_images(camera, some)))
+    subset = np.asarray(z)[chosen_planes(len(z))]
+    frames, hot = without_hot_pixels(stack, sharpness(fourier_point_images(camera, subset)))
     if hot:
         note(
             f"{hot:,} hot pixels in {len(stack)} frames are replaced by the median of their "

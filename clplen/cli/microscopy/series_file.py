@@ -54,7 +54,7 @@ def check(
 
 
 def write(
-    request: SeriesRequest, settings: dict[str, Any], opened: Callable[[], Deconvolver]
+    request: SeriesRequest, settings: dict[str, Any], open_series: Callable[[], Deconvolver]
 ) -> None:
     """Write the missing volumes, which depend on ``settings``."""
     from clplen.io.results.volume_series import count_whole, series_in
@@ -66,14 +66,14 @@ def write(
     if resumes and count_whole(output) == count and output.exists():
         click.echo(f"{output} is up to date.")
         return
-    series = opened()
+    series = open_series()
     for text in series.checks():
         note(text)
     batch = about["batch"] if resumes else None
     writer = SeriesWriter(output, request.pages, series, settings, batch=batch)
     if writer.done:
         click.echo(f"{output} continues after {writer.done} of {count} frames.")
-    began, remarks, done = time.perf_counter(), Remarks(), writer.done
+    start, remarks, done = time.perf_counter(), Remarks(), writer.done
     with progress_bar(count, "frame") as bar:
         bar.update(done)
         for group in writer:
@@ -83,7 +83,7 @@ def write(
                 _write_preview(request.preview, group.frames[-1], series)
             done += len(group.pages)
             update_bar(bar, done, count)
-    written, seconds = count - writer.done, time.perf_counter() - began
+    written, seconds = count - writer.done, time.perf_counter() - start
     for text in remarks.repeated(written):
         note(text)
     volumes = " x ".join(str(n) for n in series.projector_for(writer.shape).volume_shape)
@@ -102,17 +102,17 @@ def _can_resume(
     if not isinstance(job, dict):
         return False
     names = {**settings, **job}
-    other = next((name for name in names if settings.get(name) != job.get(name)), None)
-    if other is None and request.batch in (None, about.get("batch")):
+    changed_key = next((name for name in names if settings.get(name) != job.get(name)), None)
+    if changed_key is None and request.batch in (None, about.get("batch")):
         return True
     if request.force:
         return False
-    if other is None:
+    if changed_key is None:
         difference = f"{about.get('batch')} frames together, not {request.batch}"
-    elif other == "frames":
+    elif changed_key == "frames":
         difference = "other frames"
     else:
-        difference = f"{other} = {job.get(other)}, not {settings.get(other)}"
+        difference = f"{changed_key} = {job.get(changed_key)}, not {settings.get(changed_key)}"
     raise click.ClickException(
         f"{request.output} has {count} volumes made with {difference}: choose another output, or "
         "recompute all volumes with --force."

@@ -114,7 +114,7 @@ def regions(
     time: int | str | None,
     voxel_um: Micrometres,
     force: bool,
-    **how: Any,
+    **settings: Any,
 ) -> None:
     """Segment bright regions such as cells; write their positions, volumes and brightness.
 
@@ -128,9 +128,9 @@ def regions(
     series = opened(volumes)
     check_outputs(series, force, (output, _CSV), (labels, (".tif", ".tiff", ".zarr")))
     axes = axes_of(series, voxel_um)
-    segmentation = find_regions(volume_at(series, time), axes=axes, **how)
+    segmentation = find_regions(volume_at(series, time), axes=axes, **settings)
     if not len(segmentation):
-        raise click.ClickException(_none("region", series, how["snr"]))
+        raise click.ClickException(_none("region", series, settings["snr"]))
     if labels is not None:
         step = (float(axes[1][1] - axes[1][0]), float(axes[2][1] - axes[2][0]))
         about = {"regions": len(segmentation), "threshold": segmentation.threshold}
@@ -191,7 +191,7 @@ def track(
     napari: Path | None,
     voxel_um: Micrometres,
     force: bool,
-    **how: Any,
+    **settings: Any,
 ) -> None:
     """Detect points or regions in each volume of a series, and link them to tracks.
 
@@ -209,7 +209,7 @@ def track(
     series = opened_series(volumes, "tracks")
     check_outputs(series, force, (output, _CSV), (napari, (".npy",)))
     axes = axes_of(series, voxel_um)
-    detections = _detections(series, axes, is_region, how)
+    detections = _detections(series, axes, is_region, settings)
     step = step_um if len(step_um) > 1 else step_um[0]
     tracks = track_points(
         detections, step=step, gaps=gaps, motion=motion, shortest=shortest, unit="m"
@@ -217,7 +217,7 @@ def track(
     if not len(tracks):
         kind = "region" if is_region else "point"
         raise click.ClickException(
-            _none(kind, series, how["snr"]) if shortest == 1 else
+            _none(kind, series, settings["snr"]) if shortest == 1 else
             f"No track has {shortest} {kind}s: lower --shortest, or increase --step-um or --gaps."
         )  # fmt: skip
     tracks.to_csv(output)
@@ -234,13 +234,13 @@ def track(
 
 
 def _detections(
-    series: StoredVolumes, axes: Any, is_region: bool, how: dict[str, Any]
+    series: StoredVolumes, axes: Any, is_region: bool, settings: dict[str, Any]
 ) -> Iterator[Any]:
     """Detect the points or regions of each volume."""
     from clplen.microscopy import find_points, find_regions
 
     names = ("threshold", "split", "least") if is_region else ("distance",)
-    arguments = {name: how[name] for name in ("size", "snr", *names)}
+    arguments = {name: settings[name] for name in ("size", "snr", *names)}
     find = find_regions if is_region else find_points
     for time, volume in enumerate(progressing(series)):
         try:

@@ -181,9 +181,9 @@ def note_end(disparities: Any, sharpest: Any, what: str = "the sharpest plane is
         end, side = ends[3], "above"
     else:
         return False
-    which = "first" if end == planes[0] else "last"
+    end_name = "first" if end == planes[0] else "last"
     note(
-        f"{what} the {which} plane tried: the scene may extend {side} disparity {end:g}; "
+        f"{what} the {end_name} plane tried: the scene may extend {side} disparity {end:g}; "
         "'clplen info' estimates its range."
     )
     return True
@@ -199,14 +199,14 @@ def note_nearly_black(lf: LightField, aperture: Any) -> None:
     )
     from clplen.lightfield.model.apertures import aperture_weights
 
-    dim = nearly_black_views(lf, relative_brightness(lf))
-    dim &= aperture_weights(lf, aperture, None) > 0
-    if not dim.any():
+    is_dark = nearly_black_views(lf, relative_brightness(lf))
+    is_dark &= aperture_weights(lf, aperture, None) > 0
+    if not is_dark.any():
         return
-    across = clear_aperture(lf, dim)
+    across = clear_aperture(lf, is_dark)
     note(
-        f"{dim.sum()} of {dim.size} views are nearly black (below {100 * NEARLY_BLACK:g} % of the "
-        "median brightness) and are weighted like the others"
+        f"{is_dark.sum()} of {is_dark.size} views are nearly black (below {100 * NEARLY_BLACK:g} % "
+        "of the median brightness) and are weighted like the others"
         + (f": --aperture {across} leaves them out." if across else ".")
     )
 

@@ -260,11 +260,11 @@ def _white(white: Path | None, dark: Path | None) -> Values | None:
     return values if dark is None else values - read_frame(dark)[0].astype(np.float32)
 
 
-def suitable_ms(opened: RawInput, count: int) -> Values:
+def suitable_ms(raw_input: RawInput, count: int) -> Values:
     """Return planes, equidistant in m, that span the depth of the scene."""
     from clplen.lightfield.focused.focused_depth import focused_depth
 
-    depth = focused_depth(opened.raw, white=opened.flat)
+    depth = focused_depth(raw_input.raw, white=raw_input.flat)
     median = depth.median  # raises an error if no sub-image is reliable
     low, high = np.percentile(depth.m[depth.confidence >= depth.sure], _PERCENTILES)
     half = max(_WIDENING * (high - low) / 2, _MIN_HALF_RANGE * abs(median))
@@ -287,7 +287,7 @@ _POINTS = "metres: x right, y down from the axis, z from the plane in focus, far
 
 
 def find_depth(
-    opened: RawInput,
+    raw_input: RawInput,
     output: Path,
     *,
     ms: tuple[float, float] | None,
@@ -304,14 +304,14 @@ def find_depth(
     from clplen.lightfield.focused.focused_picture import PictureGrid
     from clplen.plot.base import verbatim
 
-    if metric is not None and opened.raw.camera is None:
+    if metric is not None and raw_input.raw.camera is None:
         raise click.UsageError(
             "--metric needs the camera, which only raw.h5 of 'clplen simulate' stores: leave it "
             "out."
         )
-    depth = focused_depth(opened.raw, ms=ms, white=opened.flat)
+    depth = focused_depth(raw_input.raw, ms=ms, white=raw_input.flat)
     size = depth.geometry.patch(depth.median)
-    maps = focused_maps(opened.raw, depth, grid=PictureGrid.over(depth.geometry, size, step))
+    maps = focused_maps(raw_input.raw, depth, grid=PictureGrid.over(depth.geometry, size, step))
     write_focused_depth(output, depth, maps, replace=True)
     files = ""
     if confidence is not None:
@@ -321,13 +321,13 @@ def find_depth(
         write_map(metric, maps.z.astype(np.float32))
         files += f", {metric} the distances in metres{_FROM_FOCUS}"
     if ply is not None:
-        files += f", {ply} the points {_write_points(ply, opened, depth, maps)}"
+        files += f", {ply} the points {_write_points(ply, raw_input, depth, maps)}"
     picture = output.with_suffix(".png")
     figure = plot.magnification(maps.m, maps.confidence, title=f"m = b/a of {verbatim(title)}")
     plot.save(figure, picture)
     click.echo(f"{output} holds m of every pixel, {picture} shows it{files}.")
     click.echo(_summary(depth))
-    if opened.raw.camera is not None:
+    if raw_input.raw.camera is not None:
         click.echo(distances(np.where(maps.confidence > 0, maps.z, np.nan), _FROM_FOCUS))
 
 
@@ -343,23 +343,23 @@ def _summary(depth: FocusedDepth) -> str:
     )
 
 
-def _write_points(ply: Path, opened: RawInput, depth: FocusedDepth, maps: FocusedMaps) -> str:
+def _write_points(ply: Path, raw_input: RawInput, depth: FocusedDepth, maps: FocusedMaps) -> str:
     """Write coloured points and return their unit."""
     from clplen.io.formats.glb import write_points
     from clplen.lightfield.focused.focused_rendering import render_focused
 
-    arguments: dict[str, Any] = {"depth": depth, "white": opened.white, "step": maps.grid.step}
-    picture = render_focused(opened.raw, method="depth", **arguments).to_numpy()
-    points, comment, unit = _points(opened, maps)
+    arguments: dict[str, Any] = {"depth": depth, "white": raw_input.white, "step": maps.grid.step}
+    picture = render_focused(raw_input.raw, method="depth", **arguments).to_numpy()
+    points, comment, unit = _points(raw_input, maps)
     write_points(ply, points, _colours(picture), comment=comment)
     return unit
 
 
-def _points(opened: RawInput, maps: FocusedMaps) -> tuple[Values, str, str]:
+def _points(raw_input: RawInput, maps: FocusedMaps) -> tuple[Values, str, str]:
     """Return (x, y, z) of every sample, a comment for the file, and the unit."""
     # The chief ray that meets the sensor at y from the axis has the slope y/(z2 + b) and crosses
     # the centre of the main lens: an object at a distance d from the lens lies at -d y/(z2 + b).
-    camera: Any = opened.raw.camera
+    camera: Any = raw_input.raw.camera
     y, x = maps.grid.axes()
     if camera is None:
         coordinates = (x[None, :], y[:, None], maps.virtual_depth)
@@ -367,9 +367,9 @@ def _points(opened: RawInput, maps: FocusedMaps) -> tuple[Values, str, str]:
     else:
         from clplen.lightfield.focused.focused_geometry import FocusedGeometry
 
-        axis = FocusedGeometry.of(opened.raw).axis
+        axis = FocusedGeometry.of(raw_input.raw).axis
         before = camera.object_distance + maps.z
-        slope = -opened.raw.pixel_pitch / (camera.array_distance + camera.sensor_distance)
+        slope = -raw_input.raw.pixel_pitch / (camera.array_distance + camera.sensor_distance)
         coordinates = (
             (x[None, :] - axis[1]) * slope * before,
             (y[:, None] - axis[0]) * slope * before,

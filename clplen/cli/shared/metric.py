@@ -125,13 +125,13 @@ def write(lf: LightField | StoredLightField, depth: DepthMap, lengths: Lengths) 
     from clplen.io.formats.glb import write_points
     from clplen.lightfield.depth.depth_maps import metric_depth
 
-    where, unit = "", "in metres"
+    suffix, unit = "", "in metres"
     z: Values | None = None
     if lengths.camera is not None:
         z = metric_depth(depth.disparity, **lengths.camera)
         points, comment = points_of(depth.disparity, **lengths.camera)
     elif _knows_camera(lf):
-        z, where = depth.z, " from the plane in focus, farther positive"
+        z, suffix = depth.z, " from the plane in focus, farther positive"
         points, comment = _points_of_camera(lf, depth.z)
     else:
         unit = "in pixels, with the disparity as z, because camera and lengths are unknown"
@@ -139,22 +139,22 @@ def write(lf: LightField | StoredLightField, depth: DepthMap, lengths: Lengths) 
     files = []
     if lengths.metric is not None and z is not None:
         write_map(lengths.metric, z.astype(np.float32))
-        files.append(f", {lengths.metric} the distances in metres{where}")
+        files.append(f", {lengths.metric} the distances in metres{suffix}")
     if lengths.ply is not None:
         write_points(lengths.ply, points, colours_of(lf), comment=comment)
         files.append(f", {lengths.ply} the points {unit}")
-    return MetricText("" if z is None else distances(z, where), tuple(files))
+    return MetricText("" if z is None else distances(z, suffix), tuple(files))
 
 
-def distances(z: Values, where: str) -> str:
+def distances(z: Values, suffix: str) -> str:
     """Return the range of distances in metres as a sentence."""
     valid = np.isfinite(z)
     if not valid.any():
-        remedy = "search larger disparities" if where else "check the lengths and --focus-m"
+        remedy = "search larger disparities" if suffix else "check the lengths and --focus-m"
         return f"No pixel lies at a finite distance: {remedy}."
     low, middle, high = np.percentile(z[valid], [5, 50, 95])
     return (
-        f"Distances{where}: median {middle:.4g} m, 90 % of them from {low:.4g} to {high:.4g} m; "
+        f"Distances{suffix}: median {middle:.4g} m, 90 % of them from {low:.4g} to {high:.4g} m; "
         f"{100 * valid.mean():.0f} % of the pixels lie at a finite distance."
     )
 

@@ -288,14 +288,14 @@ export class LightFieldView {
     this.alpha = numberField({ label: "alpha = F/F'", onInput: (alpha) => this.setPlane(disparityOfAlpha(item, alpha), "alpha") });
     this.metres = numberField({ label: item.metres?.linear ? "z (\u00b5m)" : "z (mm)", onInput: (z) => this.setPlane(disparityOfMetres(item, z * this.metreUnit), "z") });
     this.sharp = checkbox({ label: "All in focus", title: "Needs a depth map", onInput: (sharp) => this.change({ sharp }) });
-    this.overlay = checkbox({ label: "Depth map over it", title: "Needs a depth map", onInput: (depth) => this.change({ depth }) });
+    this.overlay = checkbox({ label: "Show depth map", title: "Needs a depth map", onInput: (depth) => this.change({ depth }) });
     this.bar = element("div", {});
     for (const box of [this.sharp, this.overlay]) box.disable(true);
-    this.shape = choice({ label: "Opening", options: SHAPES, onInput: (shape) => this.open(shape) });
-    this.diameter = slider({ label: "Diameter", unit: "share of the views", min: 0.05, max: 1, step: 0.01, onInput: (x) => this.change({ diameter: rounded(Math.min(Math.max(x, 0.01), 1), 3) }) });
+    this.shape = choice({ label: "Shape", options: SHAPES, onInput: (shape) => this.open(shape) });
+    this.diameter = slider({ label: "Diameter", unit: "fraction of the views", min: 0.05, max: 1, step: 0.01, onInput: (x) => this.change({ diameter: rounded(Math.min(Math.max(x, 0.01), 1), 3) }) });
     this.across = slider({ label: "Views across", min: 1, max: Math.max(V, U), step: 1, onInput: (x) => this.change({ across: Math.min(Math.max(Math.round(x), 1), Math.max(V, U)) }) });
     this.fNumber = element("p", { class: "said" });
-    this.lens = element("canvas", { width: this.cell * U, height: this.cell * V, class: "lens", role: "img", "aria-label": "Opening on the main lens", style: `aspect-ratio: ${U} / ${V}` });
+    this.lens = element("canvas", { width: this.cell * U, height: this.cell * V, class: "lens", role: "img", "aria-label": "Aperture on the main lens", style: `aspect-ratio: ${U} / ${V}` });
     this.lens.addEventListener("pointerdown", (event) => this.pick(event));
     this.lens.addEventListener("pointermove", (event) => event.buttons && this.pick(event));
     this.v = slider({ label: "Viewpoint v", min: 0, max: V - 1, step: 0.01, onInput: (v) => this.moveTo(v, this.state.u) });
@@ -303,7 +303,7 @@ export class LightFieldView {
     this.tones = new ToneControls({ tone: state, range: item.shown.range, onChange: () => this.changed() });
     const shows = { picture: "Picture", views: "Views", slices: "EPI", ...(item.raw && { raw: "Raw" }) };
     this.shows = choice({ label: "Show", options: shows, onInput: (show) => this.show(show) });
-    this.progress = element("progress", { max: 1, value: 0, "aria-label": "Views that are loaded" });
+    this.progress = element("progress", { max: 1, value: 0, "aria-label": "Loaded views" });
     this.bars = element("div", { class: "scale-bar", hidden: true }, element("span"), element("i"));
     this.slices = element("div", { class: "slices", hidden: true });
     this.grid = new CanvasStage({ label: "All views", size: [V, U], onClick: (y, x) => this.pickView(y, x) });
@@ -319,12 +319,12 @@ export class LightFieldView {
       group("Aperture", this.shape.element, this.diameter.element, this.across.element, this.fNumber, element("div", { class: "lens-row" }, this.lens, element("div", {}, this.v.element, this.u.element))),
       this.device?.element ?? null,
       this.tones.element,
-      group("Take along",
+      group("Export",
         element("div", { class: "buttons" },
-          button("Save PNG", () => this.save(), "The picture as it is shown, pixel by pixel"),
+          button("Save PNG", () => this.save(), "Save the displayed picture pixel by pixel"),
           item.command ? button("Copy as command", () => this.copyText(this.command(), "The command")) : null,
           button("Copy as Python", () => this.copyText(this.python(), "The Python lines")),
-          button("Copy link", () => this.copyText(location.href, "The link to this view")),
+          button("Copy link", () => this.copyText(location.href, "The link")),
         ),
       ),
     );

@@ -153,8 +153,8 @@ void main() {
 }`;
 
 const NO_WEBGL =
-  "This browser shows no light fields: it has no WebGL 2 with pictures of floats. Update it, or " +
-  "switch on hardware acceleration.";
+  "This browser has no WebGL 2 with floating-point textures, which light fields need: update it, or " +
+  "enable hardware acceleration.";
 
 /** One light field in a canvas. */
 export class Renderer {
@@ -194,8 +194,8 @@ export class Renderer {
     this.stacked = Math.ceil((V * U) / most);
     if (Math.max(ny * this.stacked, nx, 2 * V * U) > side)
       throw new Error(
-        `These ${V} x ${U} views of ${ny} x ${nx} pixels are larger than this graphics processor ` +
-          `takes (${most} layers, ${side} pixels): write the page with --views or --downscale.`,
+        `The ${V} x ${U} views of ${ny} x ${nx} pixels exceed the limits of this graphics processor ` +
+          `(${most} layers, ${side} pixels): write the page with --most-views or --downscale.`,
       );
     const three = this.channels === 3;
     const kinds = {
@@ -211,8 +211,8 @@ export class Renderer {
       gl.texParameteri(gl.TEXTURE_2D_ARRAY, name, gl.NEAREST);
     if (gl.getError())
       throw new Error(
-        `The graphics processor has not the memory for ${V} x ${U} views of ${ny} x ${nx} pixels: ` +
-          "write the page with --views or --downscale.",
+        `The graphics processor has too little memory for ${V} x ${U} views of ${ny} x ${nx} pixels: ` +
+          "write the page with --most-views or --downscale.",
       );
   }
 
@@ -222,7 +222,7 @@ export class Renderer {
     const integers = this.integers;
     const data = integers ? await unpack16(bytes, nx * this.channels) : await bitmap(bytes);
     if ((integers ? data.length : data.width * data.height * this.channels) !== nx * ny * this.channels)
-      throw new Error(`View ${k} has not ${ny} x ${nx} pixels: the file is damaged.`);
+      throw new Error(`View ${k} must have ${ny} x ${nx} pixels: the file is damaged.`);
     gl.bindTexture(gl.TEXTURE_2D_ARRAY, this.views);
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     gl.pixelStorei(gl.UNPACK_COLORSPACE_CONVERSION_WEBGL, gl.NONE);
@@ -390,7 +390,7 @@ function program(gl, fragment) {
   gl.linkProgram(made);
   if (!gl.getProgramParameter(made, gl.LINK_STATUS)) {
     const logs = gl.getAttachedShaders(made).map((shader) => gl.getShaderInfoLog(shader));
-    throw new Error(`The graphics processor takes no shader: ${[gl.getProgramInfoLog(made), ...logs].join(" ")}`);
+    throw new Error(`The graphics processor rejects a shader: ${[gl.getProgramInfoLog(made), ...logs].join(" ")}`);
   }
   const uniforms = {};
   const at = (name) => (uniforms[name] ??= gl.getUniformLocation(made, name));

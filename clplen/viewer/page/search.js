@@ -4,7 +4,7 @@ const PLANES = 33;
 const HALVES = [8, 16, 32]; // of the window, in pixels: the next one where there is too little detail
 const DETAIL = 0.15; // by which the sharpest plane has to exceed the blurred ones
 const REACH = 1.5; // planes to each side of the best one, among which it is looked for once more
-const FLAT = "There is too little detail here to tell the depth by; this is the sharpest plane found.";
+const FLAT = "This region has too little detail to estimate its depth; the sharpest plane is shown.";
 
 /**
  * The disparity at which a window about a pixel is sharpest.

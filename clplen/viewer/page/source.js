@@ -19,7 +19,7 @@ function bytesOf(text) {
   return bytes;
 }
 
-const INCOMPLETE = "This page is incomplete: parts of its data are missing. Get the file once more.";
+const INCOMPLETE = "This page is incomplete: parts of its data are missing. Download the file again.";
 
 /** Data that stand in the page itself. */
 export class EmbeddedSource {
@@ -76,7 +76,7 @@ export class ServerSource {
 
   async blob(n) {
     const answer = await reach(fetch(`data/${n}`));
-    if (!answer.ok) throw new Error((await answer.text()).trim() || `Part ${n} is not there.`);
+    if (!answer.ok) throw new Error((await answer.text()).trim() || `Part ${n} of the data is missing.`);
     return new Uint8Array(await answer.arrayBuffer());
   }
 
@@ -108,7 +108,7 @@ export class ServerSource {
   }
 }
 
-const ENDED = "clplen view has ended: start it again, or write a page that stands alone by -o page.html.";
+const ENDED = "clplen view has ended: start it again, or write a self-contained page with -o page.html.";
 
 async function reach(promise) {
   try {

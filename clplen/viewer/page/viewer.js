@@ -1,8 +1,8 @@
 /**
- * The viewer: mount(element, source) shows what a source holds (source.js) in an element.
+ * The viewer: mount(element, source) shows the content of a source (source.js) in an element.
  *
- * source.content is {title, items, compare, scores, sizes}; an item is of kind "light field"
- * (light_field.js) or "volume" (volume.js). The state of what is seen lies in the page's hash.
+ * source.content is {title, items, compare, scores, sizes}; an item has the kind "light field"
+ * (light_field.js) or "volume" (volume.js). The page's hash stores the state of the view.
  */
 
 import { CompareView, viewOf } from "./compare.js";
@@ -11,13 +11,13 @@ import { EmbeddedSource, ServerSource } from "./source.js";
 
 const KEYS = [
   ["drag", "move the viewpoint"],
-  ["click, Enter", "focus there, or put the cross"],
+  ["click, Enter", "focus, or move the cross"],
   ["wheel, + and -", "zoom"],
   ["shift + drag or arrows", "move the picture"],
-  ["0", "the whole picture"],
-  ["arrows", "viewpoint, or cross"],
+  ["0", "fit the picture"],
+  ["arrows", "move the viewpoint or the cross"],
   ["alt + arrows", "move the cursor"],
-  ["[ and ]", "focus, or plane"],
+  ["[ and ]", "focus or plane"],
   [", and .", "time"],
   ["a", "all in focus"],
   ["d", "depth map"],
@@ -29,9 +29,10 @@ const HASH_DELAY = 200; // milliseconds
 const HINTS_KEY = "clplen-hints"; // names of the actions that need no hint any more
 
 /**
- * Show what a source holds; {view, views, ready, end}, ready being a promise and end() letting go.
+ * Show the content of a source; return {view, views, ready, end} with a promise ready and a function
+ * end() that removes the listeners.
  *
- * hash: whether the state is kept in the page's address.
+ * hash: true to store the state in the page's address.
  */
 export function mount(root, source, { hash = true } = {}) {
   root.classList.add("clplen");
@@ -211,14 +212,14 @@ function readHash(views) {
 export function start(root) {
   const holder = document.getElementById("clplen-content");
   if (!holder) {
-    root.textContent = "This page is incomplete: it has no data. Get the file once more.";
+    root.textContent = "This page is incomplete: it has no data. Download the file again.";
     return null;
   }
   try {
     const content = JSON.parse(holder.textContent);
     return mount(root, content.server ? new ServerSource(content) : new EmbeddedSource());
   } catch {
-    root.textContent = "This page is incomplete: its data are cut off. Get the file once more.";
+    root.textContent = "This page is incomplete: its data are truncated. Download the file again.";
     return null;
   }
 }

@@ -24,7 +24,7 @@ export class VolumeView {
     };
     this.frames = new Map();
     this.stage = new CanvasStage({
-      label: `${item.name}: click to put the cross`,
+      label: `${item.name}: click to move the cross`,
       size: [this.ny, this.nx],
       link,
       onMarks: (stage) => {
@@ -83,7 +83,7 @@ export class VolumeView {
     this.progress.hidden = false;
     for (let z = 0; z < this.Z; z += 1) {
       planes[z] = await unpack16(await this.source.blob(this.item.samples.blobs[t * this.Z + z]), this.nx * this.channels);
-      if (planes[z].length !== this.ny * this.nx * this.channels) throw new Error(`Plane ${z} is damaged: it has not ${this.ny} x ${this.nx} pixels.`);
+      if (planes[z].length !== this.ny * this.nx * this.channels) throw new Error(`Plane ${z} is damaged: it must have ${this.ny} x ${this.nx} pixels.`);
       this.progress.value = (z + 1) / this.Z;
     }
     this.progress.hidden = true;
@@ -244,9 +244,9 @@ export class VolumeView {
     this.sliders = { t: axis("Time", "t", T), z: axis("Plane", "z", Z), y: axis("y", "y", ny), x: axis("x", "x", nx) };
     this.sliders.t.show(T > 1);
     this.plane = element("p", { class: "said" });
-    this.projection = choice({ label: "Across each axis", options: { slice: "Slice", maximum: "Maximum" }, onInput: (projection) => this.change({ projection }) });
+    this.projection = choice({ label: "Projection", options: { slice: "Slice", maximum: "Maximum" }, onInput: (projection) => this.change({ projection }) });
     this.tones = new ToneControls({ tone: state, range: item.shown.range, tables: this.channels === 1 ? TABLES : null, onChange: () => this.changed() });
-    this.progress = element("progress", { max: 1, value: 0, "aria-label": "Planes that are loaded" });
+    this.progress = element("progress", { max: 1, value: 0, "aria-label": "Loaded planes" });
     this.bars = element("div", { class: "scale-bar", hidden: true }, element("span"), element("i"));
     this.bar = element("div", {});
     const cut = (name, along, label, onClick) => {
@@ -262,12 +262,12 @@ export class VolumeView {
     this.tools = element(
       "div",
       { class: "tools" },
-      Z > 1 ? group("Place", this.sliders.t.element, this.sliders.z.element, this.plane, this.sliders.y.element, this.sliders.x.element, this.projection.element) : null,
+      Z > 1 ? group("Position", this.sliders.t.element, this.sliders.z.element, this.plane, this.sliders.y.element, this.sliders.x.element, this.projection.element) : null,
       this.tones.element,
       this.bar,
-      group("Take along",
+      group("Export",
         element("div", { class: "buttons" },
-          button("Save PNG", () => savePicture(this.picture(), `${item.name}.png`), "The slice as it is shown, pixel by pixel"),
+          button("Save PNG", () => savePicture(this.picture(), `${item.name}.png`), "Save the displayed slice pixel by pixel"),
           button("Copy as Python", () => this.copyPython()),
           button("Copy link", () => this.copyLink()),
         ),
@@ -294,6 +294,6 @@ export class VolumeView {
 
   async copyLink() {
     await copy(location.href);
-    this.say("The link to this view is on the clipboard.");
+    this.say("The link is on the clipboard.");
   }
 }
