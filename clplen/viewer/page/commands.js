@@ -63,7 +63,7 @@ export function commandOf(item, state, tone) {
 export function pythonOf(item, state) {
   const full = fullState(item, state);
   if (!full) return null;
-  const lines = ["import clplen", "", item.python ?? "lf = ...  # the light field that was shown"];
+  const lines = ["import clplen", "", item.python ?? "lf = ...  # the displayed light field"];
   if (state.sharp)
     lines.push(
       item.depth?.file

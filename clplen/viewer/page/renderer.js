@@ -1,7 +1,7 @@
 /**
  * Views on the graphics processor: refocused pictures, single views, slices, and their display.
  *
- * A picture is summed as clplen.refocus and LightField.view do it (docs/conventions.md): taps are
+ * A picture is summed as by clplen.refocus and LightField.view (docs/conventions.md): taps are
  * fetched one by one and weighted in float, a sample outside a view counts neither in the sum nor
  * in the weights, and only then come black, white and the curve. Views lie in the layers of one
  * texture array, several below each other where there are more views than layers.
@@ -156,7 +156,7 @@ const NO_WEBGL =
   "This browser has no WebGL 2 with floating-point textures, which light fields need: update it, or " +
   "enable hardware acceleration.";
 
-/** One light field in a canvas. */
+/** Renderer of a light field in a canvas. */
 export class Renderer {
   constructor(canvas, item) {
     const gl = canvas.getContext("webgl2", { alpha: true, antialias: false, preserveDrawingBuffer: true });
@@ -187,7 +187,7 @@ export class Renderer {
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB8, 256, 1, 0, gl.RGB, gl.UNSIGNED_BYTE, lookup("viridis"));
   }
 
-  /** Room for the views. */
+  /** Allocate the textures of the views. */
   layers() {
     const { gl, V, U, ny, nx } = this;
     const [most, side] = [gl.MAX_ARRAY_TEXTURE_LAYERS, gl.MAX_TEXTURE_SIZE].map((n) => gl.getParameter(n));
@@ -216,7 +216,7 @@ export class Renderer {
       );
   }
 
-  /** Take view k from its bytes. */
+  /** Upload view k from its bytes. */
   async load(k, bytes) {
     const { gl, nx, ny, kind } = this;
     const integers = this.integers;
@@ -231,7 +231,7 @@ export class Renderer {
     data.close?.();
   }
 
-  /** Take the disparity of every pixel of the centre view. */
+  /** Upload the disparity of every pixel of the centre view. */
   loadMap(values) {
     const { gl } = this;
     gl.bindTexture(gl.TEXTURE_2D, this.map);
@@ -239,7 +239,7 @@ export class Renderer {
     this.hasMap = true;
   }
 
-  /** Values of texels (whole or part of shifts, weights, layers) of the views that count. */
+  /** Return the texels (shifts, weights, layers) of the views with weight. */
   tableOf(state, disparity) {
     const { weights, viewpoint, cubic } = weightsOf(this.item, state);
     const { steps, origin } = stepsFrom(this.item, viewpoint);
@@ -352,7 +352,7 @@ export class Renderer {
     return { values, height, width };
   }
 
-  /** A picture of floats that can be drawn into. */
+  /** Create a floating-point render target. */
   target(height, width) {
     const { gl } = this;
     const made = { texture: texture(gl), buffer: gl.createFramebuffer(), height, width };
@@ -369,7 +369,7 @@ export class Renderer {
   }
 }
 
-/** A texture that is bound, read without interpolation. */
+/** Create and bind a texture without interpolation. */
 function texture(gl) {
   const made = gl.createTexture();
   gl.bindTexture(gl.TEXTURE_2D, made);
@@ -378,7 +378,7 @@ function texture(gl) {
   return made;
 }
 
-/** A program with its uniforms by name. */
+/** Compile a program; return it with its uniforms by name. */
 function program(gl, fragment) {
   const made = gl.createProgram();
   for (const [kind, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, fragment]]) {

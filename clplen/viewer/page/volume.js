@@ -8,8 +8,8 @@ import { CanvasStage, SectionStage } from "./stage.js";
 import { lookup } from "./tone.js";
 import { trackMarks } from "./track_marks.js";
 
-const LEAST_DEPTH = 0.12; // height of a section along z, as a share of the picture's, at least
-const MOST_DEPTH = 0.94; // of the room for it, at most
+const LEAST_DEPTH = 0.12; // minimum height of a section along z, as a fraction of the picture's
+const MOST_DEPTH = 0.94; // maximum fraction of the available height
 const TABLES = { grey: "Grey", viridis: "Viridis", magma: "Magma" };
 
 export class VolumeView {
@@ -39,7 +39,7 @@ export class VolumeView {
     this.build();
   }
 
-  /** Take a state, of a link, as far as it fits. */
+  /** Apply the valid parts of a state from a link. */
   take(state) {
     const within = (x, n) => Math.min(Math.max(Math.round(x), 0), n - 1);
     Object.assign(this.state, acceptTone(state, this.state), {
@@ -76,7 +76,7 @@ export class VolumeView {
     this.changed();
   }
 
-  /** The planes of a time, as arrays of 16 bits. */
+  /** Load the planes of a time as 16-bit arrays. */
   async frame(t) {
     if (this.frames.has(t)) return;
     const planes = new Array(this.Z);
@@ -90,7 +90,7 @@ export class VolumeView {
     this.frames.set(t, planes);
   }
 
-  /** Height in pixels of the picture that a plane has in sections along z, as far as there is room. */
+  /** Height of a plane in sections along z, in pixels of the picture, limited by the available space. */
   get thickness() {
     const { spacing } = this.item;
     const known = spacing?.[0] ? Math.abs(spacing[0] / spacing[1]) : 1;
@@ -98,7 +98,7 @@ export class VolumeView {
     return Math.min(Math.max(known * this.Z, LEAST_DEPTH * Math.min(this.ny, this.nx)), MOST_DEPTH * room) / this.Z;
   }
 
-  /** Paint the sections, whose size follows that of the picture. */
+  /** Paint the sections, scaled like the picture. */
   paintSections() {
     const { Z, ny, nx, thickness } = this;
     if (Z === 1 || !this.front.source) return;
@@ -106,7 +106,7 @@ export class VolumeView {
     this.side.show(this.side.source, [ny, Z * thickness]);
   }
 
-  /** Values of a slice or projection across an axis: {values, height, width}. */
+  /** Return a slice or projection across an axis: {values, height, width}. */
   section(axis) {
     const { Z, ny, nx, channels } = this;
     const planes = this.frames.get(this.state.t);
@@ -133,7 +133,7 @@ export class VolumeView {
     return { values, height, width, stride: channels, channels: Math.min(channels, 3) };
   }
 
-  // ---- what is seen
+  // ---- drawing
 
   changed() {
     this.refresh();
@@ -168,7 +168,7 @@ export class VolumeView {
     return this.channels === 1 && this.state.table !== "grey" ? lookup(this.state.table) : null;
   }
 
-  /** The slice: {values, stride, channels, height, width}, or null. */
+  /** Return the slice, {values, stride, channels, height, width}, or null. */
   shownPixels() {
     return this.values ?? null;
   }
@@ -181,7 +181,7 @@ export class VolumeView {
     return this.shown;
   }
 
-  /** Lines of the cross, and tracks, as the stage across an axis shows them. */
+  /** Return the lines of the cross and the tracks for the stage across an axis. */
   cross(axis) {
     const { state, thickness, Z, ny, nx } = this;
     const place = (name, value) => (name === "z" ? (value + 0.5) * thickness - 0.5 : value);
@@ -198,7 +198,7 @@ export class VolumeView {
     return marks;
   }
 
-  // ---- what the user does
+  // ---- actions of the user
 
   change(changes) {
     Object.assign(this.state, changes);
@@ -288,7 +288,7 @@ export class VolumeView {
   }
 
   async copyPython() {
-    await copy(`import clplen\n\n${this.item.python ?? "data = ...  # what was shown"}\n`);
+    await copy(`import clplen\n\n${this.item.python ?? "data = ...  # the displayed data"}\n`);
     this.say("The Python lines are on the clipboard.");
   }
 
