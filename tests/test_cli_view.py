@@ -169,7 +169,7 @@ def test_volumes_as_the_times_of_one_series(tmp_path):
     np.save(tmp_path / "other.npy", RNG.random((4, 9, 12)))
     done = run("view", *files, tmp_path / "other.npy", "--time", "-o", tmp_path / "b.html")
     assert done.exit_code == 2
-    assert "one size" in done.output
+    assert "of equal size" in done.output
 
 
 def test_maps_compared_with_their_truth(tmp_path):

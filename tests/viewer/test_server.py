@@ -407,7 +407,7 @@ def test_a_port_that_is_taken_and_one_that_is_none(server):
         other.bind((ADDRESS, 0))
         other.listen()
         port = other.getsockname()[1]
-        with pytest.raises(OSError, match=f"Port {port} is taken by another program"):
+        with pytest.raises(OSError, match=f"Port {port} is used by another program"):
             ViewerServer(PAGE, [], port=port)
     for wrong in (-1, 65536):
         with pytest.raises(ValueError, match="0 to 65535"):
