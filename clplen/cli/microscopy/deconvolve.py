@@ -141,7 +141,8 @@ def deconvolve(
         raise click.UsageError("--preview does not support Fourier microscopes: leave it out.")
     if preview is not None and "sensor_pixels" in images.parameters:
         raise click.UsageError(
-            "--preview needs rectified frames: make point images without --unrectified."
+            "--preview needs rectified frames: make point images of rectified frames with 'clplen "
+            "microscope psf'."
         )
     begin = Start(deconvolution.start, images, motion=deconvolution.motion)
     files: dict[str, Any] = {"white": white, "dark": dark}
