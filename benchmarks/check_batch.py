@@ -182,7 +182,7 @@ def two_runs(device: Device, folder: Path) -> list[str]:
         runs = [kill_batch.start(command, log) for log in logs]
         found = sorted(run.wait() for run in runs)
         text = "".join(log.read_text() for log in logs)
-        if found != [0, 1] or "is at work on" not in text or "Traceback" in text:
+        if found != [0, 1] or "is using" not in text or "Traceback" in text:
             wrong.append(f"the runs ended with {found}: {text}")
         wrong += done_again(job, files, device)
         for log in logs:

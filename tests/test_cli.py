@@ -54,7 +54,7 @@ def camera_file(tmp_path: Path) -> Path:
 
 
 def test_help_has_an_example_of_each_command():
-    assert "Begin with 'clplen demo'" in run("-h").output
+    assert "Start with 'clplen demo'" in run("-h").output
     assert sorted(main.commands) == [
         "analyse",
         "batch",
@@ -120,7 +120,7 @@ def test_devices_lists_everything_and_gives_the_reason(device: Device):
         assert one.name in result.output
         assert one.driver in result.output
     assert f"* {device.place}  {device.name}" in result.output
-    assert f"it fits '{device.place}'" in result.output
+    assert f"it matches '{device.place}'" in result.output
     assert result.output.count("fp64") == result.output.count("FFT  ") == len(Device.all())
 
 
@@ -132,7 +132,7 @@ def test_devices_says_what_was_done_to_a_device(device: Device, monkeypatch: pyt
 def test_devices_without_a_fitting_one_still_lists():
     result = run("devices", "--device", "zebra")
     assert result.exit_code == 1
-    assert "None would be taken: No OpenCL device matches 'zebra'. Available" in result.output
+    assert "No device can be used: No OpenCL device matches 'zebra'. Available" in result.output
     assert all(device.name in result.output for device in Device.all())
 
 
@@ -287,8 +287,8 @@ def test_an_output_that_cannot_be_written_is_found_before_computing(
         monkeypatch.setattr("clplen.io.read_lightfield", lambda *_, **__: pytest.fail("computed"))
         message = said(run(command, views, "-o", tmp_path / "nowhere" / "s.tif"))
         assert "there is no folder" in message
-        assert "ends in .p" in said(run("depth", views, "-o", tmp_path / "s.jpg"), 2)
-        assert "ends in .tif" in said(run("stack", views, "-o", tmp_path / "s.png"), 2)
+        assert "end in .p" in said(run("depth", views, "-o", tmp_path / "s.jpg"), 2)
+        assert "end in .tif" in said(run("stack", views, "-o", tmp_path / "s.png"), 2)
 
 
 @pytest.mark.parametrize(
@@ -308,10 +308,10 @@ def test_what_is_read_is_not_overwritten(
             file.unlink()
     before = {file.name: file.read_bytes() for file in views.iterdir()}
     message = said(run(command, views, "-o", views / name, "--disparities", "0:1:3"), 2)
-    assert f"{views / lost} is one of the files of {views} that are read: name an output" in message
+    assert f"{views / lost} is one of the input files of {views}: choose another" in message
     (tmp_path / "link").symlink_to(views)
     words = ("-o", tmp_path / "link" / name, "--disparities", "0:1:3")
-    assert "is one of the files" in said(run(command, views, *words), 2)
+    assert "is one of the input files" in said(run(command, views, *words), 2)
     assert {file.name: file.read_bytes() for file in views.iterdir()} == before
 
 
@@ -334,7 +334,7 @@ def test_planes_beyond_the_picture_are_noted(tmp_path: Path, views: Path):
     words = ("-o", tmp_path / "s.tif", "--disparities", "20:30:2")
     result = run("stack", views, *words)
     assert result.exit_code == 0
-    assert "Note: 1 of 2 planes move the outermost views by more than a whole" in result.stderr
+    assert "Note: 1 of 2 planes shift the outermost views by more than the size" in result.stderr
 
 
 def test_a_plane_on_which_no_views_overlap_writes_nothing(tmp_path: Path, views: Path):
@@ -440,9 +440,9 @@ def test_a_failed_build_is_one_sentence(tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_little_memory_says_how_little():
     assert error_sentence(MemoryError("Unable to allocate 14 TiB")) == (
-        "This computer has not enough memory: Unable to allocate 14 TiB."
+        "This computer has too little memory: Unable to allocate 14 TiB."
     )
-    assert error_sentence(MemoryError()) == "This computer has not enough memory for it."
+    assert error_sentence(MemoryError()) == "This computer has too little memory."
 
 
 def test_warnings_become_notes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

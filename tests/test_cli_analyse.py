@@ -85,7 +85,7 @@ def test_only_some_of_one_camera(run: Run, tmp_path: Path, device: Device) -> No
 def test_depths_that_nothing_uses_are_told(run: Run) -> None:
     result = run("--only", "sampling", "--depths-mm", "-4:0:2", one=FOCUSED)
     assert result.exit_code == 0, result.output
-    assert "--depths-mm is not used: depths belong to transfer and depth." in result.stderr
+    assert "--depths-mm is ignored: only transfer and depth use depths." in result.stderr
 
 
 def test_the_example_is_a_pair(tmp_path: Path) -> None:
@@ -122,9 +122,9 @@ def test_bad_cameras_are_told(run: Run, tmp_path: Path) -> None:
     for kind, words in (
         ('kind = "plenoptic3"', "camera.kind"),
         ('kind = "plenoptic2"\nm = 0.0', "Error: one: m = b/a must be > 0"),
-        ('kind = "plenoptic2"\nm = 0.2\na_mm = 18.0', "needs one of m and a_mm"),
+        ('kind = "plenoptic2"\nm = 0.2\na_mm = 18.0', "needs either m or a_mm"),
         ('kind = "plenoptic2"\nm = -1.5', "m must be > -1"),
-        ('kind = "plenoptic1"\nm = 0.2', "has m, which belongs to kind = 'plenoptic2'"),
+        ('kind = "plenoptic1"\nm = 0.2', "has m, which applies to kind = 'plenoptic2'"),
         ("kinds = 1", "kinds"),
     ):
         assert words in said(run("--only", "sampling", one=kind))

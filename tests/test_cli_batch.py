@@ -43,7 +43,7 @@ def test_a_job_from_end_to_end(job: Path, device: Device):
     assert "0 items done, 4 done before" in again.output
     nothing = clplen("batch", job, "--dry-run")
     assert "0 items to do" in nothing.output
-    assert "Nothing is to be done." in nothing.output
+    assert "Every item is done." in nothing.output
 
 
 def test_a_failure_is_said_and_told_by_the_status(job: Path):
@@ -106,8 +106,8 @@ def test_a_folder_without_a_name(tmp_path: Path):
         job = batchworks.write_job(tmp_path, files=files)
         done = clplen("batch", job)
         assert done.exit_code == 1
-        assert "inputs.0.name: an item cannot have the name" in done.output
-        assert "give another, such as name = 'views'" in done.output
+        assert "inputs.0.name: an item name must be a path" in done.output
+        assert "give another name, such as name = 'views'" in done.output
 
 
 def test_a_worker_without_a_scheduler(monkeypatch: pytest.MonkeyPatch):
@@ -178,7 +178,7 @@ def test_a_second_run_at_the_same_time_is_refused(tmp_path: Path, device: Device
         second = clplen("batch", path)
         assert second.exit_code == 1
         assert f"The process {first.pid} on" in second.output
-        assert "is at work on" in second.output
+        assert "is using" in second.output
         first.send_signal(signal.SIGINT)
         said, _ = first.communicate(timeout=60)
     finally:

@@ -56,10 +56,10 @@ def test_wrong_words(device: Device) -> None:
     for words, message in {
         "stacks": "no benchmark 'stacks'",
         "transfers --size 3x4": "size must be VxUxYxX",
-        "--size 3x4x5x6": "--size belongs to one benchmark",
+        "--size 3x4x5x6": "--size applies to a single benchmark",
         "transfers --repeats 0": "--repeats",
         "transfers --json --profile": "give one of them",
-        "transfers --size 99999x99999x32x32": "Nothing was measured",
+        "transfers --size 99999x99999x32x32": "No benchmark fits",
     }.items():
         result = run(device, "bench", *words.split())
         assert result.exit_code != 0

@@ -48,7 +48,9 @@ def calibrated(boards: list[Path]) -> tuple[Intrinsics, str]:
     out = boards[0].parent / "camera.json"
     result = run("calibrate", *boards, "--board", "4x6", "--spacing", "25mm", "-o", out)
     assert result.exit_code == 0, result.output
-    assert f"{out} holds the intrinsics, for --intrinsics." in result.output
+    assert (
+        f"{out} holds the intrinsics; pass it to other commands as --intrinsics." in result.output
+    )
     return read_intrinsics(out), result.output
 
 
@@ -119,7 +121,7 @@ def test_poses_in_metres(camera: Path, scene: Path, tmp_path: Path):
     across = [frame["transform_matrix"][0][3] for frame in told["frames"]]
     assert np.ptp(across) == pytest.approx(2 * 4e-3)
     result = run("poses", scene, "-o", tmp_path / "more", *words, "--baseline-mm", "3")
-    assert "--baseline-mm is not needed with --intrinsics" in said(result, 2)
+    assert "--baseline-mm cannot be combined with --intrinsics" in said(result, 2)
 
 
 def test_the_summary_tells_what_to_look_at():
@@ -129,7 +131,7 @@ def test_the_summary_tells_what_to_look_at():
     )
     text = "\n".join(summary(found, ["a", "b", "c", "d"]))
     assert "of boards    0.02, 0.02, left out, 0.09" in text
-    assert "the largest is that of d" in text
+    assert "largest: d" in text
     assert "about (0, 0)" in text
     y, x = 47.5 - 0.02 / 4.5e-3, 59.5 - 0.01 / 4.5e-3
     assert f"at pixel (y, x) = ({y:.2f}, {x:.2f})" in text
@@ -137,13 +139,17 @@ def test_the_summary_tells_what_to_look_at():
 
 def test_bad_words(boards: list[Path], tmp_path: Path):
     for words, code, message in (
-        (("--board", "4by6", "--spacing", "25mm"), 2, "'4by6' is no board: give rows and columns"),
+        (
+            ("--board", "4by6", "--spacing", "25mm"),
+            2,
+            "'4by6' is not a board: give rows and columns",
+        ),
         (("--board", "2x6", "--spacing", "25mm"), 1, "at least 3 each, got (2, 6)"),
-        (("--board", "4x6", "--spacing", "0"), 2, "'0' is not allowed here: the length is pos"),
-        (("--board", "4x6", "--spacing", "-25mm"), 2, "the length is positive"),
-        (("--board", "4x6", "--spacing", "nan"), 2, "'nan' is no length"),
+        (("--board", "4x6", "--spacing", "0"), 2, "the length must be positive, got '0'"),
+        (("--board", "4x6", "--spacing", "-25mm"), 2, "the length must be positive"),
+        (("--board", "4x6", "--spacing", "nan"), 2, "'nan' is not a length"),
         (("--board", "5x7", "--spacing", "25mm"), 1, "must show the board, got 0"),
-        (("--board", "4x6", "--spacing", "25mm", "-o", "camera.txt"), 2, "ends in .json, not"),
+        (("--board", "4x6", "--spacing", "25mm", "-o", "camera.txt"), 2, "must end in .json, got"),
     ):
         out = tmp_path / "camera.json"
         np.save(tmp_path / "two.npy", np.load(boards[0])[:1, :2])
@@ -178,7 +184,7 @@ def test_without_opencv(boards: list[Path], tmp_path: Path, monkeypatch: pytest.
 def test_intrinsics_that_do_not_fit(camera: Path, scene: Path, tmp_path: Path):
     words = ("depth", scene, "-o", tmp_path / "d.pfm", "--intrinsics", camera)
     message = said(run(*words, "--baseline-mm", "3"), 2)
-    assert "--baseline-mm is not needed with --intrinsics" in message
+    assert "--baseline-mm cannot be combined with --intrinsics" in message
     np.save(tmp_path / "small.npy", np.ones((3, 3, 48, 60), np.float32))
     message = said(run("depth", tmp_path / "small.npy", *words[2:]))
     assert "the shape of the intrinsics, (3, 3, 96, 120)" in message

@@ -49,9 +49,9 @@ def test_maps_of_a_cue(device: Device, tmp_path: Path, views: Path):
     np.testing.assert_array_equal(tifffile.imread(sure), found.confidence)
     assert imageio.imread(tmp_path / "d.png").ndim == 3
     share = np.mean(found.confidence > 0.5)
-    assert f"{100 * share:.0f} % of the pixels are sure (confidence above 0.5)" in text
+    assert f"{100 * share:.0f} % of the pixels are reliable (confidence above 0.5)" in text
     low = found.disparity[found.confidence > 0.5].min()
-    assert f"those from {low:.3f} to" in text
+    assert f"from {low:.3f} to" in text
     low = np.percentile(found.disparity, 1)
     assert f"98 % of the disparities lie from {low:.3f} to" in text
     assert "metre" not in text
@@ -85,10 +85,10 @@ def test_wrong_words(device: Device, tmp_path: Path, views: Path, monkeypatch: p
         (("--focus-m", 3), "--baseline-mm and --focal-length-mm and --pixel-um are missing."),
         ((*LENGTHS[:4], "--pixel-um", 0), "'--pixel-um': must be a positive number, got 0"),
         ((*LENGTHS, "--focus-m", -2), "'--focus-m': must be a positive number"),
-        ((*LENGTHS, "--ply", "p.obj"), "ends in .ply"),
-        ((*LENGTHS, "--metric", "z.png"), "ends in .pfm or .tif or .tiff or .npy"),
-        (("--confidence", "c.jpg"), "ends in .pfm"),
-        (("--confidence", "d.pfm"), "named for two outputs"),
+        ((*LENGTHS, "--ply", "p.obj"), "end in .ply"),
+        ((*LENGTHS, "--metric", "z.png"), "end in .pfm or .tif or .tiff or .npy"),
+        (("--confidence", "c.jpg"), "end in .pfm"),
+        (("--confidence", "d.pfm"), "used for two outputs"),
         (("--cue", "magic"), "must be 'energy', 'correspondence', 'structure-tensor' or"),
     ):
         monkeypatch.chdir(tmp_path)
@@ -116,7 +116,7 @@ def test_points_without_a_camera_are_pixels_and_disparity(
     np.testing.assert_array_equal(vertices["p"][3, 7], [7, 3, d[3, 7]])
     result = run(device, views, "-o", out, "--metric", tmp_path / "z.pfm", *PLANES)
     assert result.exit_code == 2
-    assert "--metric needs lengths, as this light field knows no camera" in result.stderr
+    assert "--metric needs lengths, because this light field stores no camera" in result.stderr
     assert not (tmp_path / "z.pfm").exists()
 
 
@@ -158,12 +158,12 @@ def test_metres_of_a_known_camera(device: Device, tmp_path: Path, views: Path):
 def test_planes_that_end_before_the_scene(device: Device, tmp_path: Path, views: Path):
     words = (views, "-o", tmp_path / "d.pfm", "--cue", "energy", "--disparities")
     for planes, end in (
-        ("-1:0.5:4", "last of those tried: the scene may lie above disparity 0.5"),
-        ("1.9:3:4", "first of those tried: the scene may lie below disparity 1.9"),
+        ("-1:0.5:4", "last plane tried: the scene may extend above disparity 0.5"),
+        ("1.9:3:4", "first plane tried: the scene may extend below disparity 1.9"),
     ):
         said = run(device, *words, planes).stderr
         assert f"for more than half of the pixels the sharpest plane is the {end}" in said
-        assert "'clplen info' finds its range" in said
+        assert "'clplen info' estimates its range" in said
     assert "Note:" not in run(device, *words, "0.6:1.8:7").stderr
 
 
@@ -184,7 +184,7 @@ def test_the_summary_says_how_much_lies_at_the_ends_of_the_planes(device: Device
     """A strip at disparity 2.6, a fifth of the views, beyond the planes of the default."""
     ground = Plane(-0.4, (0.0, 0.01), texture=noise(3))
     near = Plane(2.6, texture=noise(4), outline=rectangle((0.0, 20.0), (40.0, 10.0)))
-    said = "of the pixels lie at the first or last plane: give a wider --disparities."
+    said = "of the pixels lie at the first or last plane: give a wider range of --disparities."
     for surfaces, share in (([ground, near], True), ([ground], False)):
         lf, truth = clplen.SurfaceScene(surfaces).light_field((5, 5), (64, 90), device=device)
         write_lightfield(tmp_path / "a.h5", lf)

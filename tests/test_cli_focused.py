@@ -102,7 +102,7 @@ def test_render(tmp_path: Path, raw_file: Path, device: Device) -> None:
     expected = render_focused(raw, method="depth", aperture=0.8)
     np.testing.assert_array_equal(tifffile.imread(out), expected.to_numpy())
     png = tmp_path / "a.png"
-    assert "not to measure" in done(run(device, "render", raw_file, "-o", png))
+    assert "not for measurements" in done(run(device, "render", raw_file, "-o", png))
     assert imageio.imread(png).shape == picture.shape
 
 
@@ -149,7 +149,7 @@ def test_depth(tmp_path: Path, raw_file: Path, device: Device) -> None:
     np.testing.assert_array_equal(read_pfm(tmp_path / "c.pfm"), channels[3])
     assert np.median(channels[2]) == pytest.approx(DZ, abs=2e-4)
     assert imageio.imread(tmp_path / "d.ome.png").ndim == 3
-    assert "sub-images are sure" in said
+    assert "sub-images are reliable" in said
     assert "virtual depth 1/m" in said
     assert "Distances from the plane in focus" in said
     head, body = ply.read_bytes().split(b"end_header\n", 1)
@@ -250,29 +250,33 @@ def test_info_names_what_was_written(tmp_path: Path, raw_file: Path, device: Dev
 
 
 BAD = [
-    (("render", "--disparity", 1), 2, "--disparity is for light fields; this is a raw image of a"),
-    (("render", "--alphas", "1:1:1"), 2, "--alphas is for light fields"),
-    (("render", "--flatten", "max"), 2, "--flatten is for light fields"),
-    (("render", "--aperture", "f/20"), 2, "share of a sub-image's diameter, such as 0.5, not f/20"),
+    (
+        ("render", "--disparity", 1),
+        2,
+        "--disparity applies to light fields, but INPUT is a raw image of a",
+    ),
+    (("render", "--alphas", "1:1:1"), 2, "--alphas applies to light fields"),
+    (("render", "--flatten", "max"), 2, "--flatten applies to light fields"),
+    (("render", "--aperture", "f/20"), 2, "fraction of a sub-image's diameter, such as 0.5, got"),
     (("render", "--aperture", 9), 1, "a share of the sub-image's diameter"),
-    (("render", "--m", "0.1,0.2"), 2, "--m is one plane here, not 2"),
+    (("render", "--m", "0.1,0.2"), 2, "--m must be a single plane, got 2"),
     (("render", "--m", 0), 1, "m = b/a must be a finite number other than 0"),
-    (("render", "--m", "a"), 2, "'a' is not m: give 0.2"),
+    (("render", "--m", "a"), 2, "'a' is not m: give for example 0.2"),
     (("render", "--patch", 30), 1, "at most a sub-image, 22 px, got 30 px"),
     (("render", "--method", "depth", "--patch", 3), 1, "--method depth sets the patches"),
     (("render", "--srgb"), 1, "--srgb does not apply to a raw image of a focused camera"),
     (("render", "--grid", "g.json"), 2, "--dark and --grid do not apply"),
-    (("stack", "--disparities", "-1:1:3"), 2, "--disparities is for light fields"),
-    (("stack", "--memory", "1GB"), 2, "--memory is for light fields"),
+    (("stack", "--disparities", "-1:1:3"), 2, "--disparities applies to light fields"),
+    (("stack", "--memory", "1GB"), 2, "--memory applies to light fields"),
     (("stack", "--m", "0.1:0.5"), 2, "must be START:STOP:N"),
-    (("stack", "--m", "-0.1:0.3:9"), 2, "'-0.1:0.3:9' passes m = 0, where nothing is in focus"),
-    (("depth", "--cue", "energy"), 2, "--cue is for light fields"),
+    (("stack", "--m", "-0.1:0.3:9"), 2, "'-0.1:0.3:9' contains m = 0, where no plane is in focus"),
+    (("depth", "--cue", "energy"), 2, "--cue applies to light fields"),
     (("depth", "--m", "0.2"), 2, "is not LEAST:GREATEST"),
     (("depth", "--m", "0.2:0.6"), 1, "only 1.7 lenslets a row see a point, too few"),
     (
         ("depth", "--baseline-mm", 1, "--focal-length-mm", 1, "--pixel-um", 1),
         2,
-        "--baseline-mm is for",
+        "--baseline-mm applies to",
     ),
 ]
 
@@ -301,7 +305,7 @@ def test_words_of_focused_cameras_with_light_fields(tmp_path: Path, device: Devi
         ("depth", ("--m", "0.1:0.3")),
     ):
         said = refused(run(device, command, views, "-o", out, *words), 2)
-        assert "is for raw images of focused cameras" in said
+        assert "applies to raw images of focused cameras" in said
         assert "is a folder of views" in said
 
 

@@ -82,13 +82,13 @@ def test_a_folder_that_is_read_right(tmp_path, device):
     orders = found["Orders"].splitlines()
     assert len(orders) == 9
     assert sum(line.startswith("*") for line in orders) == 2
-    assert "+1.00  (no word on the axes)  as read" in found["Orders"]
+    assert "+1.00  (no option)  as read" in found["Orders"]
 
 
 @pytest.mark.parametrize(
     ("given", "mended"),
     [
-        (["--flip-u"], "--flip-v --flip-u (at -1.00), or no word on the axes (at +1.00)"),
+        (["--flip-u"], "--flip-v --flip-u (at -1.00), or no option (at +1.00)"),
         (["--pattern", "a_{u}_{v}.png"], "--swap-uv (at +1.00), or --swap-uv --flip-v --flip-u"),
         (["--pattern", "a_{u}_{v}.png", "--flip-v"], "--swap-uv (at +1.00), or --swap-uv --flip-v"),
     ],
@@ -203,7 +203,7 @@ def test_what_is_wrong_is_one_sentence(tmp_path, device):
     folder = folder_of(tmp_path / "views", views(), "a_{v}_{u}.png")
     result = run("info", folder, "--save-grid", tmp_path / "g.json", "--device", device.place)
     assert result.exit_code == 2
-    assert "--save-grid is for raw images" in result.stderr
+    assert "--save-grid applies to raw images" in result.stderr
 
 
 @pytest.mark.thorough
@@ -217,7 +217,7 @@ def test_brightness_of_views(tmp_path, device):
     low, high = means.min(), means.max()
     assert abs(100 * (1 - low / high) - 30) < 6
     assert found["Brightness"] == (
-        f"of views differs by {100 * (1 - low / high):.0f} %: their means are {low:.2f} to "
+        f"of the views differs by {100 * (1 - low / high):.0f} %: their means are {low:.2f} to "
         f"{high:.2f} of the median"
     )
     assert "Nearly black" not in found
@@ -226,8 +226,8 @@ def test_brightness_of_views(tmp_path, device):
     found = table(run("info", folder_of(tmp_path / "dim", a, "a_{v}_{u}.png"), "--device",
                       device.place))  # fmt: skip
     assert found["Nearly black"].replace("\n", " ") == (
-        "2 of 15, below 2 % of the median: (0, 0), (2, 4); --aperture of depth, refocus and render "
-        "leaves them out"
+        "2 of 15, below 2 % of the median: (0, 0), (2, 4); exclude them with --aperture of depth, "
+        "refocus and render"
     )
     assert found["Left out"].startswith("0 of 15")
     for command in (["depth", "-o", tmp_path / "d.npy"], ["refocus", "-o", tmp_path / "r.png"]):
@@ -236,8 +236,8 @@ def test_brightness_of_views(tmp_path, device):
         result = run(*words)
         assert result.exit_code == 0, result.output
         said = (
-            "Note: 2 of 15 views are nearly black (below 2 % of the median brightness) and count "
-            "like the others: --aperture "
+            "Note: 2 of 15 views are nearly black (below 2 % of the median brightness) and are "
+            "weighted like the others: --aperture "
         )
         line = next(line for line in result.stderr.splitlines() if line.startswith(said))
         across = line.removeprefix(said).removesuffix(" leaves them out.")

@@ -182,7 +182,7 @@ def test_a_print(tmp_path: Path, device: Device) -> None:
     assert found[30, 47:57].tolist() == [175, 135, 95, 55, 15] * 2  # axes at 50 and 55
     assert np.ptp(found, axis=0).max() == 0
     words += ("--lenses", "horizontal", "--strips", 3, "--height", "1in")
-    assert "'1in' is no length" in refused(run(device, *words, "-o", tmp_path / "b.png"))
+    assert "'1in' is not a length" in refused(run(device, *words, "-o", tmp_path / "b.png"))
     words = (*words[:-1], "20.32mm")
     said = done(run(device, *words, "-o", tmp_path / "b.png"))
     assert "100 x 80 pixels" in said
@@ -240,25 +240,29 @@ def test_refusals(tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatc
     for words, code, said in (
         ((*known, "--lpi", 0), 2, "0.0 is not in the range 0<x"),
         ((*known, "--lpi", 400), 1, "1.8 pixels a lens, and two views need 2: print at 800 dpi"),
-        ((*known, "--lpi", 60, "--strips", 13), 2, "--strips is 2 to 12"),
-        ((*known, "--lpi", 60, "--strips", 1), 2, "--strips is 2 to 12"),
-        ((*known, "--lpi", 60, "--width", "1mm"), 2, "lies under 2.3 lenses"),
-        ((*known, "--lpi", 60, "--distance", 0.4), 2, "give both, or none"),
-        ((*known, "--lpi", 60, "--spread", 2), 2, "--spread is for --pitch-test"),
+        ((*known, "--lpi", 60, "--strips", 13), 2, "--strips must be 2 to 12"),
+        ((*known, "--lpi", 60, "--strips", 1), 2, "--strips must be 2 to 12"),
+        ((*known, "--lpi", 60, "--width", "1mm"), 2, "got 2.3 lenses"),
+        ((*known, "--lpi", 60, "--distance", 0.4), 2, "give both or none"),
+        ((*known, "--lpi", 60, "--spread", 2), 2, "--spread needs --pitch-test"),
         (known, 2, "Missing option '--lpi'"),
-        (("--lpi", 60), 2, "Give the light field to print, or --pitch-test"),
-        ((source, "--lpi", 60, "--pitch-test"), 2, "INPUT is not for --pitch-test"),
-        (("--lpi", 60, "--pitch-test", "--strips", 4), 2, "--strips is not for --pitch-test"),
+        (("--lpi", 60), 2, "give a light field, or --pitch-test"),
+        ((source, "--lpi", 60, "--pitch-test"), 2, "INPUT cannot be combined with --pitch-test"),
+        (
+            ("--lpi", 60, "--pitch-test", "--strips", 4),
+            2,
+            "--strips cannot be combined with --pitch-test",
+        ),
         (("--lpi", 60, "--pitch-test", "--width", "3cm"), 1, "at least 0.04 m wide"),
         (("--lpi", 400, "--pitch-test"), 1, "pixels a lens, and two views need 2"),
     ):
         text = refused(run(device, *words, "-o", tmp_path / "a.png"), code)
         assert said in text, (words, text)
-    assert "ends in .tif" in refused(run(device, *known, "--lpi", 60, "-o", tmp_path / "a.jpg"))
+    assert "end in .tif" in refused(run(device, *known, "--lpi", 60, "-o", tmp_path / "a.jpg"))
     for lenses, shape, line in (("vertical", (5, 1), "column"), ("horizontal", (1, 5), "row")):
         np.save(tmp_path / "line.npy", np.ones((*shape, 20, 30), np.uint8))
         words = (tmp_path / "line.npy", "--lpi", 60, "-o", tmp_path / "a.png", "--lenses", lenses)
-        assert f"one {line} of views" in refused(run(device, *words))
+        assert f"a single {line} of views" in refused(run(device, *words))
     computed: list[object] = []
     monkeypatch.setattr("clplen.io.displays.lenticular.free_memory", lambda: 10**9)
     monkeypatch.setattr("clplen.lightfield.focus_and_depth.depth_map", computed.append)
@@ -267,7 +271,7 @@ def test_refusals(tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatc
     assert "100,000 x 68,182 pixels takes 81,818,400,000 bytes" in text
     assert not computed  # said before the depth is computed
     text = refused(run(device, "--pitch-test", *words[1:]), 1)
-    assert "not enough memory" in text
+    assert "too little memory" in text
     assert not list(tmp_path.glob("*a.*"))
     (tmp_path / "a.png").write_bytes(b"mine")
     text = refused(run(device, "--pitch-test", "--lpi", 60, "-o", tmp_path / "a.png"), 1)

@@ -138,8 +138,11 @@ def test_without_lengths(tmp_path: Path, source: Path, device: Device, kind: str
     words = ("--infinity", -1.2, "--focal-px", 80, "--disparity", tmp_path / "map.pfm")
     out = tmp_path / "out"
     result = run(device, "poses", source, "-o", out, "--format", kind, *words)
-    assert "1,960 points; a step from view to view is 1, the focal length 80 px" in done(result)
-    assert "1 pixels lie at infinity or beyond" in result.stderr
+    assert (
+        "1,960 points; the unit is the distance of neighbouring views, the focal length 80 px"
+        in done(result)
+    )
+    assert "1 pixels at or beyond infinity" in result.stderr
     poses = READERS[kind](out)
     if kind == "nerf":
         told = json.loads((out / "transforms.json").read_text())
@@ -223,8 +226,8 @@ def test_refusals(tmp_path: Path, source: Path, device: Device) -> None:
         (LENGTHS[:4], 2, "--pixel-um is missing"),
         (("--focus-m", 2), 2, "--baseline-mm and --focal-length-mm and --pixel-um are missing"),
         (("--baseline-mm", 0, *LENGTHS[2:]), 2, "--baseline-mm"),
-        ((*LENGTHS, "--focal-px", 50), 2, "for views without lengths"),
-        (("--infinity", 0.5), 2, "at most 0, not 0.5"),
+        ((*LENGTHS, "--focal-px", 50), 2, "cannot be combined with lengths"),
+        (("--infinity", 0.5), 2, "at most 0, got 0.5"),
         (("--disparity", tmp_path / "far.pfm"), 2, "No pixel"),
         (("--disparity", tmp_path / "other.pfm"), 1, "37 x 52 pixels"),
     ):
@@ -234,4 +237,4 @@ def test_refusals(tmp_path: Path, source: Path, device: Device) -> None:
     (tmp_path / "out" / "mine").write_text("mine")
     assert "not empty" in refused(run(device, "poses", source, *out))
     words = ("-o", tmp_path / "none" / "out", "--format", "nerf")
-    assert "no folder" in refused(run(device, "poses", source, *words))
+    assert "does not exist" in refused(run(device, "poses", source, *words))

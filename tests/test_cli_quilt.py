@@ -131,7 +131,7 @@ def test_near_things_move_to_the_left_from_view_to_view(tmp_path: Path, device: 
     found = imageio.imread(tmp_path / "q_qs5x1a1.6.png")
     middles = [(found[20, 64 * n : 64 * n + 64] > 130).nonzero()[0].mean() for n in range(5)]
     np.testing.assert_allclose(np.diff(middles), -2, atol=0.3)
-    noted = "12 % of the pixels move by more than 1 pixel of a tile from view to view, up to 2.0"
+    noted = "12 % of the pixels move by more than 1 pixel of a tile from view to view, by up to 2.0"
     assert noted in " ".join(result.stderr.split())
 
 
@@ -149,7 +149,7 @@ def test_refusals(tmp_path: Path, device: Device) -> None:
     small = ("--size", "96x40", "--aspect", 1.5)
     known = ("--disparity", flat(tmp_path, (30, 44)))
     for words, code, said in (
-        (("-o", "q.jpg"), 2, "ends in .png"),
+        (("-o", "q.jpg"), 2, "end in .png"),
         (("-o", "q.png", "--columns", 1, "--rows", 1, *small), 1, "at least 2 views"),
         (("-o", "q.png", "--columns", 0, *small), 1, "whole number from 1 on, got 0"),
         (("-o", "q.png", "--columns", 33, "--rows", 2), 1, "1 to 32 columns, not 33"),
@@ -167,7 +167,9 @@ def test_refusals(tmp_path: Path, device: Device) -> None:
         text = refused(run(device, "quilt", source, "-o", where, *words[2:]), code)
         assert said in text.replace(f"{tmp_path}/", ""), (words, text)
     column = stored(tmp_path, np.ones((5, 1, 20, 30), np.uint8), "column.npy")
-    assert "one column of views" in refused(run(device, "quilt", column, "-o", tmp_path / "q.png"))
+    assert "a single column of views" in refused(
+        run(device, "quilt", column, "-o", tmp_path / "q.png")
+    )
     clplen.io.write_pfm(tmp_path / "other.pfm", np.ones((30, 43), np.float32))
     words = ("-o", tmp_path / "q.png", "--disparity", tmp_path / "other.pfm")
     assert "30 x 43 pixels" in refused(run(device, "quilt", source, *words), 1)

@@ -63,7 +63,7 @@ def test_png_is_scaled_and_says_so(tmp_path: Path, views: Path, device: Device):
     said = done(run(device, "render", views, "-o", out, "--viewpoint", 1, 2))
     np.testing.assert_array_equal(imageio.imread(out), imageio.imread(views / "a_1_2.png"))
     assert "255 is white" in said
-    assert "not to measure" in said
+    assert "not for measurements" in said
     said = done(run(device, "render", views, "-o", out, "--viewpoint", 1, 2, "--srgb"))
     np.testing.assert_array_equal(imageio.imread(out), imageio.imread(views / "a_1_2.png"))
     assert "1 is white, encoded as sRGB" in said
@@ -142,14 +142,18 @@ def test_the_scene_beyond_the_planes_is_noted(
     tmp_path: Path, views: Path, device: Device, target: tuple[str, ...]
 ):
     out = tmp_path / "out.tif"
-    for planes, note in (("-1:0.5:7", "the last of"), ("1.6:3:5", "the first of"), ("0:2:9", "")):
+    for planes, note in (
+        ("-1:0.5:7", "the last plane"),
+        ("1.6:3:5", "the first plane"),
+        ("0:2:9", ""),
+    ):
         result = run(device, "refocus", views, "-o", out, *target, "--disparities", planes)
         done(result)
         assert ("the sharpest plane is" in result.stderr) == bool(note)
         assert note in result.stderr
     result = run(device, "stack", views, "-o", out, "--disparities", "-1:0.5:7")
     done(result)
-    assert "the scene may lie above disparity 0.5; 'clplen info'" in result.stderr
+    assert "the scene may extend above disparity 0.5; 'clplen info'" in result.stderr
 
 
 def test_refocusing_through_a_part_of_the_lens(tmp_path: Path, views: Path, device: Device):
@@ -190,25 +194,25 @@ def test_epipolar_slices(tmp_path: Path, views: Path, device: Device):
 
 def test_one_sentence(tmp_path: Path, views: Path, device: Device):
     for words, code, sentence in (
-        (("render", "--sweep", "views", "--aperture", 3), 2, "leave out --viewpoint"),
-        (("render", "--sweep", "views"), 2, "The output ends in .gif"),
-        (("render", "--alphas", "0.9:1.1:3"), 2, "belong to --sweep focus"),
+        (("render", "--sweep", "views", "--aperture", 3), 2, "cannot be combined with --viewpoint"),
+        (("render", "--sweep", "views"), 2, "The output must end in .gif"),
+        (("render", "--alphas", "0.9:1.1:3"), 2, "need --sweep focus"),
         (("render", "--viewpoint", 9, 0), 1, "v from 0 to 2 and u from 0 to 4"),
         (("refocus",), 2, "Give one of --disparity"),
         (("refocus", "--disparity", 1, "--at", "3,4"), 2, "Give one of --disparity"),
         (("refocus", "--at", "3"), 2, "'3' is not Y,X, for example 120,88"),
-        (("refocus", "--at", "3,40"), 2, "X from 0 to 36"),
-        (("refocus", "--tilt", "3,4,1"), 2, "given three times, for three pixels, not 1"),
+        (("refocus", "--at", "3,40"), 2, "X 0 to 36"),
+        (("refocus", "--tilt", "3,4,1"), 2, "given three times, for three pixels, got 1"),
         (("refocus", *("--tilt", "3,4,1") * 3), 1, "lie on one line"),
         (("refocus", "--disparity", 1, "--upsample", 99), 2, "a whole number from 1 to 16"),
-        (("refocus", "--disparity", 1, "--upsample", 0), 2, "a whole number from 1 to 16, not 0"),
-        (("refocus", "--disparity", "nan"), 2, "'nan' is no finite number"),
-        (("render", "--disparity", "inf"), 2, "'inf' is no finite number"),
-        (("refocus", *("--tilt", "3,4,1") * 2), 2, "given three times, for three pixels, not 2"),
-        (("refocus", *("--tilt", "3,4,1") * 3, "--aperture", 3), 2, "neither with --tilt"),
-        (("refocus", "--disparity", 1, "--disparities", "0:1:3"), 2, "look through"),
-        (("refocus", "--all-in-focus", "--upsample", 2), 2, "goes with one plane"),
-        (("refocus", "--alpha", 0.9), 1, "does not have: use --disparity."),
+        (("refocus", "--disparity", 1, "--upsample", 0), 2, "a whole number from 1 to 16, got 0"),
+        (("refocus", "--disparity", "nan"), 2, "'nan' is not a finite number"),
+        (("render", "--disparity", "inf"), 2, "'inf' is not a finite number"),
+        (("refocus", *("--tilt", "3,4,1") * 2), 2, "given three times, for three pixels, got 2"),
+        (("refocus", *("--tilt", "3,4,1") * 3, "--aperture", 3), 2, "combined with --tilt"),
+        (("refocus", "--disparity", 1, "--disparities", "0:1:3"), 2, "search these planes"),
+        (("refocus", "--all-in-focus", "--upsample", 2), 2, "combined with --all-in-focus"),
+        (("refocus", "--alpha", 0.9), 1, "does not store: use --disparity."),
         (("epi", "--y", 1), 2, "Give --y and --v, or --x and --u"),
         (("epi", "--y", 99, "--v", 0), 1, "y must be an integer from 0 to 29"),
     ):
@@ -224,7 +228,7 @@ def test_inputs_are_never_overwritten(views: Path, device: Device, command: str)
     before = source.read_bytes()
     words = {"refocus": ("--disparity", 0), "epi": ("--y", 1, "--v", 1)}.get(command, ())
     said = refused(run(device, command, views, "-o", source, *words), 2)
-    assert "is one of the files of" in said
+    assert "is one of the input files of" in said
     assert source.read_bytes() == before
 
 

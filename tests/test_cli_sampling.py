@@ -81,17 +81,17 @@ def test_bad_words_are_one_sentence():
         (["--z", "24o"], "'24o' is no length: give a number with a unit"),
         (["--z", "6,6um"], "a decimal point, not a comma"),
         (["--z", "5nn"], "the units are pm, nm, um, mm, cm, m, km"),
-        (["--z", "1e13m"], "out of range: a length is 1 pm to 1e12 m"),
-        (["--pitch", "0"], "'0' is not allowed here: the length is positive"),
-        (["--pitch", "1x2x3um"], "is no pair YxX"),
+        (["--z", "1e13m"], "out of range: use 1 pm to 1e12 m"),
+        (["--pitch", "0"], "the length must be positive, got '0'"),
+        (["--pitch", "1x2x3um"], "is not a pair YxX"),
         (["--shape", "3.5"], "'3.5' is no number of samples: give a whole number"),
         (["--shape", "0"], "a side has 1 to 1,000,000 samples"),
         (["--method", "asm"], "'asm' is not one of 'auto', 'as'"),
         (["--pad", "nan", "--z", "1m"], "pad must be at least 1 and finite"),
-        (["--out-offset", "5mm"], "give y and x, as 0x5mm"),
+        (["--out-offset", "5mm"], "give y and x, such as 0x5mm"),
         (["--lens", "0"], "the length is not 0"),
-        (["--diameter", "3mm"], "give --lens or --lenslets, too"),
-        (["--arriving", "3mm"], "give --lens, too"),
+        (["--diameter", "3mm"], "needs --lens or --lenslets"),
+        (["--arriving", "3mm"], "--arriving needs --lens"),
         (["--z", "0", "--method", "fresnel-1fft"], "is 0 at z = 0"),
         (["--z", "1m", "--method", "as", "--out-pitch", "1um"], "--method cblas supports any grid"),
     ):
@@ -139,7 +139,7 @@ def test_every_method_is_judged_at_every_distance():
     assert rows["fresnel-ir"] == f"from 480 mm on no yes {field}"
     assert rows["fresnel-1fft"] == "from 240 mm on no yes, pitch 13.75 um no, pitch 0"
     # Whole steps of L dx^2/lam = 486.6 mm, L = 6144; 33 of them.
-    steps = "yes, whole steps: 0 yes, whole steps: 2"
+    steps = "yes, equal steps: 0 yes, equal steps: 2"
     assert rows["fresnel-multistep"] == f"up to 16.06 m {steps} {field}"
 
 
@@ -175,7 +175,7 @@ def test_an_aliased_propagation_is_a_note_not_a_failure():
     assert result.exit_code == 0
     assert result.stderr.startswith("Note: The transfer function at z = 1 m is aliased")
     assert "Use --method auto or 'blas', or a larger pad." in result.stderr
-    assert "auto would take" in result.stdout
+    assert "auto would select" in result.stdout
     assert "tables, residual 2.74 turns" in result.stdout
     assert not run(*THESIS, "--z", "1m").stderr
 
@@ -183,7 +183,7 @@ def test_an_aliased_propagation_is_a_note_not_a_failure():
 def test_a_forgotten_unit_of_the_wavelength_is_noted():
     result = run(*THESIS[:-1], "0.01", "--z", "240mm")
     assert result.exit_code == 0
-    assert "write 550nm" in result.stderr
+    assert "write for example 550nm" in result.stderr
     refused = run(*THESIS[:-1], "550", "--z", "240mm")
     assert refused.exit_code == 1
     assert "got 550; did you mean 5.5e-07?" in refused.stderr
@@ -199,7 +199,7 @@ def test_two_axes_and_another_output():
     assert "Nyquist x 75.76 cycles/mm, half angle 2.388 deg" in text
     assert "auto takes cblas: the output has another pitch or centre" in text
     assert "100 x 101 samples of 1 um, window 100 um x 101 um (y x), centre -1 mm x 2 mm" in text
-    assert "blas any no, has its own grid" in text
+    assert "blas any no, sets its own grid" in text
     assert "cblas any yes" in text
 
 

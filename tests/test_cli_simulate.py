@@ -148,7 +148,7 @@ def test_simulate_goes_on_after_an_interrupt(
 @pytest.mark.parametrize("tables", [PICTURE, SLIDE + "[coherence]\n"])
 def test_a_checkpoint_needs_snapshots(small: Path, device: Device, tables: str):
     result, _ = simulated(small, tables, device, "--checkpoint", small.parent / "c")
-    assert "small.toml asks for none: leave it out, or set spatial" in said(result, 2)
+    assert "small.toml does not set it: leave it out, or set spatial" in said(result, 2)
 
 
 def test_a_checkpoint_that_cannot_be_written(small: Path, device: Device):

@@ -14,7 +14,7 @@ from command_line import invoke as run
 
 import clplen
 from clplen.io import read_picture, write_depth, write_pfm, write_volume
-from clplen.viewer.file_items import option_words
+from clplen.viewer.file_items import option_arguments
 
 RNG = np.random.default_rng(9)
 VIEWS = RNG.integers(0, 256, (3, 5, 24, 31), np.uint8)
@@ -45,7 +45,7 @@ def test_a_folder_of_views(tmp_path):
             imageio.imwrite(folder / f"a_{u}_{v}.png", VIEWS[v, u])
     page = tmp_path / "page.html"
     said = good("view", folder, "--pattern", "a_{u}_{v}.png", "-o", page)
-    assert re.search(r"page.html: 15 views, 0\.\d MB, opens in any browser", said)
+    assert re.search(r"page.html: 15 views, 0\.\d MB; it opens in any browser", said)
     (item,) = items(page)
     assert item["shape"] == [3, 5, 24, 31]
     assert item["command"] == {"input": str(folder), "options": ["--pattern", "a_{u}_{v}.png"]}
@@ -57,7 +57,7 @@ def test_a_folder_of_views(tmp_path):
 
 def test_words_of_layout_as_they_were_typed():
     words = {"views": (3, 5), "swap_uv": True, "devignette": False, "white": Path("w.tif")}
-    assert option_words(words) == [
+    assert option_arguments(words) == [
         "--views", "3", "5", "--swap-uv", "--no-devignette", "--white", "w.tif",
     ]  # fmt: skip
 
@@ -169,7 +169,7 @@ def test_volumes_as_the_times_of_one_series(tmp_path):
     np.save(tmp_path / "other.npy", RNG.random((4, 9, 12)))
     done = run("view", *files, tmp_path / "other.npy", "--time", "-o", tmp_path / "b.html")
     assert done.exit_code == 2
-    assert "one size" in done.output
+    assert "of equal size" in done.output
 
 
 def test_maps_compared_with_their_truth(tmp_path):
@@ -210,16 +210,16 @@ def test_a_depth_map_from_a_file(tmp_path, light_field):
 
 
 WRONG = [
-    (["missing.png"], "There is no file or folder missing.png"),
+    (["missing.png"], "The file or folder missing.png does not exist"),
     (["text.txt"], "is no light field that clplen reads"),
     (["empty.png"], "empty"),
     (["cut.png"], "cut.png"),
-    (["lf.npy", "-o", "page.png"], "ends in .html"),
+    (["lf.npy", "-o", "page.png"], "end in .html"),
     (["lf.npy", "-o", "none/page.html"], "none"),
-    (["lf.npy", "--compare"], "at least two inputs, not 1"),
-    (["lf.npy", "lf.npy", "--time", "--compare"], "not both"),
-    (["lf.npy", "--truth", "x.pfm"], "--truth goes with --compare"),
-    (["lf.npy", "-o", "page.html", "--port", "8080"], "--port goes with a page"),
+    (["lf.npy", "--compare"], "at least two inputs, got 1"),
+    (["lf.npy", "lf.npy", "--time", "--compare"], "cannot be combined"),
+    (["lf.npy", "--truth", "x.pfm"], "--truth needs --compare"),
+    (["lf.npy", "-o", "page.html", "--port", "8080"], "--port applies to a served page"),
     (["lf.npy", "--downscale", "99", "-o", "page.html"], "have none by 99 x 99"),
     (["nan.npy", "-o", "page.html"], "NaN"),
     ([], "INPUT"),
@@ -272,8 +272,8 @@ def test_limits_and_curves_that_are_none(tmp_path, monkeypatch):
         (["--limits", "5:5", "-o", "a.png"], "not BLACK:WHITE"),
         (["--limits", "5", "-o", "a.png"], "not BLACK:WHITE"),
         (["--limits", "nan:1", "-o", "a.png"], "not BLACK:WHITE"),
-        (["--curve", "0", "-o", "a.png"], "no curve"),
-        (["--curve", "sine", "-o", "a.png"], "no curve"),
+        (["--curve", "0", "-o", "a.png"], "is not a curve"),
+        (["--curve", "sine", "-o", "a.png"], "is not a curve"),
         (["--limits", "0:1", "-o", "a.tif"], "holds linear values"),
         (["--depth-map", "d.pfm", "-o", "a.png"], "Give one of"),
     ]:

@@ -38,7 +38,7 @@ from clplen.config.camera_file import CameraFile, read_camera_file
 from clplen.config.example import EXAMPLE
 from clplen.config.fourier_microscope import FourierCameraFile
 from clplen.config.kinds import refuse_fourier, require_fourier
-from clplen.config.microscope import KnownTable, read_microscope_file
+from clplen.config.microscope import LFAnalyzeTable, read_microscope_file
 from clplen.config.scene import KEYS, SPECTRA, CoherenceTable, PictureTable, SceneTable
 from clplen.config.tables import Table, read_toml
 from clplen.errors import FormatError
@@ -88,7 +88,7 @@ TABLES: dict[str, type[Table]] = {
     "coherence": CoherenceTable,
     "sensor": SensorTable,
 }
-NO_DEFAULT = "default:", "needed"  # what comments of such keys say
+NO_DEFAULT = "default:", "required"  # what comments of such keys say
 
 
 def shown(line: str) -> tuple[str, str]:
@@ -293,7 +293,7 @@ def test_what_is_said_about_a_wrong_file(tmp_path: Path):
         (
             "[sensor]",
             "[sensor]\nzebra = 1",
-            "unknown key sensor.zebra; known here are exposure_electrons, shot_noise",
+            "unknown key sensor.zebra; the keys are exposure_electrons, shot_noise",
         ),
         ("wavelength_nm = 532.0", "", r"camera\.wavelength_nm is missing"),
         ("pitch_um = 150.0", "pitch_um = -1", r"pitch_um must be a positive number, got -1"),
@@ -348,7 +348,7 @@ def keys_of(model: type[BaseModel], above: tuple[str, ...] = ()) -> Iterator[tup
 
 
 def test_every_key_of_another_type_is_one_sentence(tmp_path: Path):
-    for model in (CameraFile, FourierCameraFile, KnownTable, Job):
+    for model in (CameraFile, FourierCameraFile, LFAnalyzeTable, Job):
         for *above, key in keys_of(model):
             for value in WRONG:
                 content = {key: value}
@@ -358,7 +358,7 @@ def test_every_key_of_another_type_is_one_sentence(tmp_path: Path):
                     config_tables.validated(model, content, Path("job.toml"))
                 said = str(caught.value)
                 assert not re.search(r"pydantic|instance of|valid |Input should|item", said), said
-                assert len(re.sub(r"unknown key [^;]*; known here are [^;]*", "", said)) < 800, said
+                assert len(re.sub(r"unknown key [^;]*; the keys are [^;]*", "", said)) < 800, said
 
 
 def test_a_kind_that_is_no_word():
@@ -399,10 +399,10 @@ def test_every_key_reaches_a_focused_camera(tmp_path: Path, device: Device):
 
 def test_what_is_said_about_a_wrong_focused_camera(tmp_path: Path):
     for old, new, said in (
-        ("a_mm = -30", "", "camera needs one of m and a_mm .* and has neither"),
-        ("a_mm = -30", "a_mm = -30\n m = -0.25", "needs one of m and a_mm .* and has both"),
-        ('match = "cone"', "field_lens = true", "has field_lens, which belongs to kind = .*1'"),
-        ('kind = "plenoptic2"', "", "has a_mm, which belongs to kind = 'plenoptic2'"),
+        ("a_mm = -30", "", "camera needs either m or a_mm .* has neither"),
+        ("a_mm = -30", "a_mm = -30\n m = -0.25", "needs either m or a_mm .* has both"),
+        ('match = "cone"', "field_lens = true", "has field_lens, which applies to kind = .*1'"),
+        ('kind = "plenoptic2"', "", "has a_mm, which applies to kind = 'plenoptic2'"),
         (
             'kind = "plenoptic2"\n    focal_length_mm = 120\n    wavelength_nm = 532\n'
             '    pixels_per_lenslet = 20\n    a_mm = -30\n    match = "cone"',
@@ -499,7 +499,7 @@ gain = { R = 2.0, B = 1.5 }
     for old, new, said in (
         ("prnu = 0.02", "prnu = 2.0", "sensor.prnu"),
         ("black_level = 32.0", "black_level = -1.0", "sensor.black_level"),
-        ("gain = { R = 2.0, B = 1.5 }", "gain = { R = -2.0 }", "sensor.gain must be .* or one for"),
+        ("gain = { R = 2.0, B = 1.5 }", "gain = { R = -2.0 }", "sensor.gain .* a table such"),
     ):
         with pytest.raises(FormatError, match=said):
             read(tmp_path, f"{head}[sensor]\n{keys.replace(old, new)}")
@@ -525,19 +525,19 @@ def test_pixels_are_kept_with_a_camera(tmp_path: Path, device: Device):
 def test_what_is_said_about_wrong_pixels(tmp_path: Path):
     for old, new, said in (
         ("pitch_um = 1.4", "pitch = 1.4", r"camera\.pixels\.pitch; did you mean pitch_um\?"),
-        ("    pitch_um = 1.4", "", "camera needs pixels_per_lenslet, or pixels.pitch_um in their"),
+        ("    pitch_um = 1.4", "", "camera needs pixels_per_lenslet or pixels.pitch_um"),
         ("shape = [181, 201]", "shape = 181", r"shape must be \[rows, columns\], got 181"),
         ("shape = [181, 201]", "shape = [0, 3]", r"shape\S* must be 1 or more"),
         ("offset_um = [7, -5]", "offset_um = 7", r"pixels\.offset_um must be two numbers"),
-        ("[[0, 0.01, 0], [0.03,", "[[0, 0.01], [0.03,", "crosstalk must be rows of one odd length"),
-        ("[0.03, 0.9,", "[0.03, 0.95,", "crosstalk must be shares, not negative, with the sum"),
-        ("[0.03, 0.9,", "[-0.03, 0.9,", "crosstalk must be shares, not negative"),
+        ("[[0, 0.01, 0], [0.03,", "[[0, 0.01], [0.03,", "crosstalk must be an odd number of rows"),
+        ("[0.03, 0.9,", "[0.03, 0.95,", "crosstalk must be non-negative fractions with a sum"),
+        ("[0.03, 0.9,", "[-0.03, 0.9,", "crosstalk must be non-negative"),
         ('"corrected"', '"thick"', "lens_model must be 'auto', 'thin' or 'corrected'"),
         (
             "wavelength_nm",
             "pixels_per_lenslet = 15\n    wavelength_nm",
-            r"has pixels_per_lenslet = 15 and pixels\.pitch_um = 1\.4, of which a lenslet of "
-            r"20 um has 14\.2857: leave one out",
+            r"has pixels_per_lenslet = 15, but pixels\.pitch_um = 1\.4 gives 14\.2857 for "
+            r"lenslets of 20 um: leave one out",
         ),
     ):
         assert old in REAL
@@ -553,10 +553,10 @@ LIT = SLIDE + "[coherence]\n"
 
 def test_what_is_said_about_wrong_pictures_and_light(tmp_path: Path):
     for tables, said in (
-        ("", r"scene is empty: give points_mm, or tables \[\[scene\.pictures\]\], or both\.$"),
+        ("", r"scene is empty: give points_mm or \[\[scene\.pictures\]\]\.$"),
         (
             "power = 2.0\n" + PICTURE,
-            r"scene has power, which belongs to points_mm, and there are none\.$",
+            r"scene has power, which needs points_mm\.$",
         ),
         (
             PICTURE.replace("width_mm", "wdith_mm"),
@@ -565,7 +565,7 @@ def test_what_is_said_about_wrong_pictures_and_light(tmp_path: Path):
         ),
         (
             PICTURE + PICTURE.replace("a.png", "none.png"),
-            r"scene\.pictures\.1\.file must name a file, and there is none at .*/none\.png"
+            r"scene\.pictures\.1\.file must be an existing file, but .*/none\.png does not exist"
             r", got 'none\.png'\.$",
         ),
         (PICTURE + 'mode = "film"', r"mode must be 'emission' or 'transmission', got 'film'"),
@@ -576,7 +576,7 @@ def test_what_is_said_about_wrong_pictures_and_light(tmp_path: Path):
         ),
         (
             PICTURE + '[coherence]\nspatial = "incoherent"',
-            r"toml: coherence\.spatial is for slides, and the scene has none: set mode",
+            r"toml: coherence\.spatial applies to slides, but the scene has none: set mode",
         ),
         (LIT + 'spatial = "mask"', r"coherence needs cell_um for spatial = 'mask'\.$"),
         (
@@ -584,18 +584,18 @@ def test_what_is_said_about_wrong_pictures_and_light(tmp_path: Path):
             r"coherence needs source_distance_mm for spatial = 'source'\.$",
         ),
         (LIT + 'spatial = "lamp"', r"coherence\.spatial must be 'coherent', .*, got 'lamp'"),
-        (PICTURE + "[coherence]\nkoehler = true", r"coherence\.koehler is for slides"),
-        (LIT + 'spatial = "source"\nkind = "phase"', "coherence has kind, which belongs to spat"),
-        (LIT + "wavelengths = 9\nlines_nm = 500", r"coherence has wavelengths, which belongs to"),
-        (LIT + "rtol = 0.1", r"coherence has rtol, but a plane wave is the same in every snapshot"),
+        (PICTURE + "[coherence]\nkoehler = true", r"coherence\.koehler applies to slides"),
+        (LIT + 'spatial = "source"\nkind = "phase"', "coherence has kind, which applies to spat"),
+        (LIT + "wavelengths = 9\nlines_nm = 500", r"coherence has wavelengths, which needs"),
+        (LIT + "rtol = 0.1", r"coherence has rtol, but all snapshots of a plane wave are equal"),
         (
             LIT + 'fwhm_nm = 20\nspectrum = "mercury"',
-            r"coherence has spectrum and fwhm_nm, two spectra: leave one out\.$",
+            r"coherence has spectrum and fwhm_nm, but needs a single spectrum\.$",
         ),
-        (LIT + "wavelengths = 9", r"coherence has wavelengths, which belongs to fwhm_nm, spec"),
+        (LIT + "wavelengths = 9", r"coherence has wavelengths, which needs fwhm_nm, spec"),
         (
             LIT + "lines_nm = [500, 600]\nline_powers = 1",
-            r"coherence has 1 line_powers for 2 lines_nm: give one each\.$",
+            r"coherence must have as many line_powers as lines_nm, 2, got 1\.$",
         ),
     ):
         imageio.imwrite(tmp_path / "a.png", np.full((2, 2), 9, np.uint8))
@@ -606,7 +606,7 @@ def test_what_is_said_about_wrong_pictures_and_light(tmp_path: Path):
 
 def test_what_is_said_about_an_odd_picture(tmp_path: Path):
     for values, keys, said in (
-        (np.ones((3, 4), np.uint16), "srgb = true", r"a\.tif: srgb = true decodes 8-bit values, "),
+        (np.ones((3, 4), np.uint16), "srgb = true", r"a\.tif: srgb = true needs 8-bit values, "),
         (np.float32([[0.2, 3.0]]), 'mode = "transmission"', r"a\.tif: .* transmit at most 1"),
         (np.ones((3, 4), np.complex64), "", r"The picture .*a\.tif has samples of type complex64"),
     ):
@@ -704,7 +704,7 @@ def test_aberrations_of_a_camera(tmp_path: Path, device: Device):
     for wrong, said in (
         ("main_lens_waves = { a = 0.1 }", "Noll's indices"),
         ("main_lens_waves = 0.1", "table of Noll's indices"),
-        ("main_lens_waves = { 5 = 0.1, 05 = 0.3 }", "an index twice, 5, 05"),
+        ("main_lens_waves = { 5 = 0.1, 05 = 0.3 }", "repeat an index, has 5, 05"),
         ("sensor_shift_mm = 1", "did you mean sensor_shift_um"),
     ):
         with pytest.raises(FormatError, match=said):
@@ -778,9 +778,9 @@ def test_a_cover_glass_reaches_a_microscope_and_its_files(tmp_path: Path, device
 def test_what_is_said_about_a_wrong_microscope(tmp_path: Path):
     for old, new, said in (
         ("na = 1.2", "", "camera needs na for kind = 'microscope'"),
-        ("na = 1.2", "na = 1.2\n m = 0.2", "has m, which belongs to kind = 'plenoptic2'"),
-        ("na = 1.2", "na = 1.2\n focal_length_mm = 3", "has focal_length_mm, for which kind"),
-        ('kind = "microscope"', "", "has magnification, which belongs to kind = 'microscope'"),
+        ("na = 1.2", "na = 1.2\n m = 0.2", "has m, which applies to kind = 'plenoptic2'"),
+        ("na = 1.2", "na = 1.2\n focal_length_mm = 3", "focal_length_mm, which does not apply"),
+        ('kind = "microscope"', "", "has magnification, which applies to kind = 'microscope'"),
     ):
         assert old in MICROSCOPE
         with pytest.raises(FormatError, match=said):
@@ -813,7 +813,7 @@ def test_read_camera(tmp_path: Path, device: Device):
     path.write_text(REAL[: REAL.index("    [scene]")])
     camera = clplen.read_camera(path, device=device)
     assert camera.grid.shape == (181, 201)
-    with pytest.raises(ValueError, match="count is lenslets"):
+    with pytest.raises(ValueError, match="count must be a number of lenslets"):
         clplen.read_camera(path, device=device, count=0)
     with pytest.raises(FormatError, match="There is no camera file"):
         clplen.read_camera(tmp_path / "none.toml", device=device)

@@ -342,7 +342,7 @@ def test_save_grid(tmp_path: Path, device: Device, monkeypatch):
     words = ["info", "raw.tif", "--grid", "grid.json", "--device", device.place, "--save-grid"]
     result = run(*words, "grid.json")
     assert result.exit_code == 2
-    assert "one of the files of raw.tif that are read" in result.output
+    assert "one of the input files of raw.tif" in result.output
     Path("notes.json").write_text(NOTES)
     assert run(*words, "notes.json").exit_code == 1
     assert Path("notes.json").read_text() == NOTES

@@ -1,4 +1,4 @@
-"""Many light fields: jobs, their items, a manifest of what is done, workers."""
+"""Batch jobs over many light fields: items, a manifest of finished items, workers."""
 
 from lazy_loader import attach_stub
 

@@ -1,8 +1,8 @@
-"""Makes a Dask worker one of clplen: ``dask worker ADDRESS --preload clplen.batch.preload``.
+"""Set up a Dask worker for clplen: ``dask worker ADDRESS --preload clplen.batch.preload``.
 
-It keeps to the cores of ``$CLPLEN_CORES`` and opens the device of ``$CLPLEN_DEVICE`` before it
-takes any item. A job refuses a worker without one. Where there is ``$CLPLEN_CORES`` a job has
-started it and will stop it, so that an interrupt from the keyboard is the job's alone.
+The worker is restricted to the cores of ``$CLPLEN_CORES`` and opens the device of
+``$CLPLEN_DEVICE`` before its first item. A worker with ``$CLPLEN_CORES`` was started by a job and
+ignores keyboard interrupts, because the job stops it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from clplen.compute.device import Device
 
 
 def dask_setup(worker: Any) -> None:
-    """Called by Dask when the worker starts."""
+    """Set up the worker; Dask calls this function at its start."""
     if CORES in os.environ:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     restrict_cores()

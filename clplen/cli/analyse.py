@@ -32,28 +32,30 @@ def _print_example(ctx: click.Context, _: click.Parameter, kind: str | None) -> 
 @click.argument(
     "cameras", metavar="CAMERA.toml...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )
-@options.output("FOLDER", "Folder for report.md, tables (CSV) and figures (PNG).")
+@options.output("FOLDER", "Output folder for report.md, tables (CSV) and figures (PNG).")
 @click.option(
     "--only",
     metavar="NAMES",
-    help="Analyses with commas between them: sampling, psf, mtf, two-points, strehl, energy, "
-    "crosstalk, transfer, depth, pictures; default: all.",
+    help="Comma-separated analyses: sampling, psf, mtf, two-points, strehl, energy, crosstalk, "
+    "transfer, depth, pictures. Default: all.",
 )
 @click.option(
     "--depths-mm",
     type=options.Planes(),
-    help="Depths z of transfer and depth, from the focused plane, farther positive; default: 7 up "
-    "to 15 % of the object distance on either side.",
+    help="Depths of the analyses transfer and depth, in millimetres from the focused plane, "
+    "farther positive. Default: 7 depths within 15 % of the object distance.",
 )
-@click.option("--quick", is_flag=True, help="Take fewer places of the point, and three depths.")
+@click.option(
+    "--quick", is_flag=True, help="Use fewer positions of the point source and three depths."
+)
 @click.option(
     "--example",
     type=click.Choice(_NAMES),
     is_eager=True,
     expose_value=False,
     callback=_print_example,
-    help="Print the camera file of one of a pair with the same main lens, lenslets and sensor, and "
-    "stop.",
+    help="Print an example camera file and exit. Both examples have equal main lenses, lenslets "
+    "and sensors.",
 )
 @options.force_output
 @options.device
@@ -66,10 +68,11 @@ def analyse(
     force: bool,
     selector: str | None,
 ) -> None:
-    """Compare plenoptic cameras: resolution, samples, crosstalk, contrast and depth over depth.
+    """Compare the image quality of plenoptic cameras.
 
-    The picture of a point is simulated by waves, tens of exposures for each camera; the scene of a
-    file is what its picture shows.
+    The report covers resolution, sampling, crosstalk, contrast and depth accuracy. The image of a
+    point source is simulated by wave optics, in tens of exposures per camera. The analysis
+    "pictures" renders the scene of each camera file.
 
     \b
     Example:
@@ -89,7 +92,7 @@ def analyse(
 
     names = check_analyses(_split(only)) if only is not None else ANALYSES
     if depths_mm is not None and not set(names) & set(OVER_DEPTH):
-        note(f"--depths-mm is not used: depths belong to {' and '.join(OVER_DEPTH)}.")
+        note(f"--depths-mm is ignored: only {' and '.join(OVER_DEPTH)} use depths.")
     files = _read(cameras)
     scenes = _scenes(files) if "pictures" in names else None
     note_link(output)
@@ -101,13 +104,13 @@ def analyse(
                 camera = file.camera.build(device)
             if isinstance(camera, Microscope):
                 raise click.UsageError(
-                    f"{name} is a microscope: cameras of kind 'plenoptic1' and 'plenoptic2' can be "
-                    "compared."
+                    f"{name} is a microscope: only cameras of kind 'plenoptic1' and 'plenoptic2' "
+                    "can be compared."
                 )
             built[name] = camera
             click.echo(f"{name}: {built[name].describe()}\n")
         with progress_bar(0, "exposure") as bar:
-            found = compare(
+            comparison = compare(
                 built,
                 only=names,
                 depths=None if depths_mm is None else depths_mm / 1e3,
@@ -115,7 +118,7 @@ def analyse(
                 quick=quick,
                 progress=lambda done, total: update_bar(bar, done, total),
             )
-        text, written = _write(folder, found)
+        text, written = _write(folder, comparison)
     click.echo(text)
     click.echo(f"{output} holds {written}.")
 
@@ -125,48 +128,50 @@ def _split(only: str) -> list[str]:
 
 
 def _read(paths: tuple[Path, ...]) -> dict[str, CameraFile]:
-    """The camera files by their names without ending."""
+    """Read the camera files into a dictionary with their stems as keys."""
     from clplen.config.camera_file import read_camera_file
 
-    found: dict[str, CameraFile] = {}
+    files: dict[str, CameraFile] = {}
     for path in paths:
         name = printable(path.stem)
-        if name in found:
+        if name in files:
             raise click.UsageError(
-                f"Two camera files are named {name}: figures and tables tell cameras apart "
-                "by the names of their files; rename one."
+                f"Two camera files are named {name}: figures and tables label cameras by their "
+                "file names; rename one."
             )
-        found[name] = read_camera_file(path)
-    return found
+        files[name] = read_camera_file(path)
+    return files
 
 
 def _scenes(files: dict[str, CameraFile]) -> dict[str, Any]:
-    """What shines by itself in each file's scene."""
+    """Build the self-luminous scene of each camera file."""
     for name, file in files.items():
         if file.scene.slides():
             raise click.UsageError(
-                f"{name} has a slide (mode = 'transmission'), and pictures are made of what shines "
-                "by itself: leave 'pictures' out of --only, or the slide out of the scene."
+                f"{name} has a slide (mode = 'transmission'), but the analysis 'pictures' needs a "
+                "self-luminous scene: leave 'pictures' out of --only, or the slide out of the "
+                "scene."
             )
         if file.sensor is not None or file.coherence is not None:
             note(
-                f"[sensor] and [coherence] of {name} do not count here: pictures are without noise."
+                f"[sensor] and [coherence] of {name} are ignored: pictures are computed without "
+                "noise."
             )
     return {name: file.scene.build() for name, file in files.items()}
 
 
-def _write(folder: Path, found: Comparison) -> tuple[str, str]:
-    """The report, and what was written in words."""
+def _write(folder: Path, comparison: Comparison) -> tuple[str, str]:
+    """Write the report, tables and figures; return the report and the list of files."""
     from clplen import plot
     from clplen.analysis.report.summary import report
     from clplen.analysis.report.tables import tables
     from clplen.outputs import listed
 
-    text = report(found)
-    csv = tables(found)
+    text = report(comparison)
+    csv = tables(comparison)
     for name, table in csv.items():
         table.write(folder / f"{name}.csv")
-    figures = plot.comparison(found)
+    figures = plot.comparison(comparison)
     for name, figure in figures.items():
         plot.save(figure, folder / f"{name}.png")
     names = [_REPORT, *(f"{name}.csv" for name in csv), *(f"{name}.png" for name in figures)]
@@ -174,5 +179,5 @@ def _write(folder: Path, found: Comparison) -> tuple[str, str]:
     return text, f"report.md, {_names(csv, 'csv')} and {_names(figures, 'png')}"
 
 
-def _names(found: dict[str, Any], ending: str) -> str:
-    return ", ".join(f"{name}.{ending}" for name in found) or f"no .{ending}"
+def _names(contents: dict[str, Any], ending: str) -> str:
+    return ", ".join(f"{name}.{ending}" for name in contents) or f"no .{ending}"

@@ -41,9 +41,9 @@ from clplen.cli.view import view
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="clplen")
 def main() -> None:
-    """Light fields by wave optics, on any OpenCL device.
+    """Simulate plenoptic cameras by wave optics, and process light fields on OpenCL devices.
 
-    Begin with 'clplen demo'; 'clplen COMMAND -h' shows an example of each command.
+    Start with 'clplen demo'. 'clplen COMMAND -h' shows the options and examples of a command.
     """
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # names of files that are not UTF-8

@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from clplen.batch.running.estimate import JobEstimate
     from clplen.batch.running.runner import Summary
 
-_SHOWN = 20  # items of a list
+_MAX_LISTED_ITEMS = 20  # fits on a screen
 
 
 class _RunFirst(click.Group):
-    """``clplen batch JOB.toml`` is ``clplen batch run JOB.toml``."""
+    """Group that runs ``clplen batch JOB.toml`` as ``clplen batch run JOB.toml``."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if args and args[0] not in self.commands:
@@ -37,11 +37,11 @@ class _RunFirst(click.Group):
 
 @click.group(cls=_RunFirst)
 def batch() -> None:
-    """Make stacks, depth maps and pictures of many light fields: 'clplen batch JOB.toml'."""
+    """Process many light fields: 'clplen batch JOB.toml'."""
 
 
-def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
-    if wanted:
+def _print_example(ctx: click.Context, _: click.Parameter, is_set: bool) -> None:
+    if is_set:
         from clplen.batch.jobs.spec import commented_job
 
         click.echo(commented_job(), nl=False)
@@ -52,14 +52,14 @@ _CERTIFICATES = click.option(
     "--certificates",
     metavar="FOLDER",
     type=click.Path(path_type=Path),
-    help="Folder with certificate.pem and key.pem, by which workers on several computers know each "
-    "other; a job that starts its own scheduler makes it if there is none.",
+    help="Folder with certificate.pem and key.pem that authenticate workers on several computers. "
+    "A job that starts its own scheduler creates missing ones.",
 )
 _INSECURE = click.option(
     "--insecure",
     is_flag=True,
-    help="Go without TLS, also beyond this computer: ANYONE who reaches a port runs programs as "
-    "you. Only for networks where you trust every user of every computer.",
+    help="Disable TLS, also for other computers: ANYONE who reaches a port can run programs as "
+    "you. Use it only in networks where you trust every user of every computer.",
 )
 
 
@@ -71,35 +71,38 @@ _INSECURE = click.option(
     is_eager=True,
     expose_value=False,
     callback=_print_example,
-    help="Print a commented job file and stop.",
+    help="Print a commented job file and exit.",
 )
 @click.option(
     "--dry-run",
     is_flag=True,
-    help="Show items, sizes, what is done already, and the time that one measured item tells.",
+    help="List the items with their sizes and states, and estimate the time from one item, "
+    "processed in a temporary folder.",
 )
 @click.option(
     "--workers",
     type=click.IntRange(1),
-    help="Number of processes on this computer; default: as the job says.",
+    help="Number of processes on this computer. Default: the value in the job file.",
 )
 @click.option(
     "--scheduler",
     metavar="ADDRESS",
-    help="Address of a Dask scheduler whose workers do the job: tls://host:8786.",
+    help="Address of a running Dask scheduler, for example tls://host:8786.",
 )
 @click.option(
     "--host",
     metavar="ADDRESS",
-    help="Address of this computer on which --workers listen, so that others may join; "
-    "default: 127.0.0.1, for this computer alone.",
+    help="Network address of this computer on which the scheduler listens, so that workers on "
+    "other computers can join. Default: 127.0.0.1, this computer only.",
 )
 @_CERTIFICATES
 @_INSECURE
 @click.option(
-    "--memory", metavar="SIZE", help='Memory of each worker ("4 GiB"); default: as the job says.'
+    "--memory",
+    metavar="SIZE",
+    help='Memory limit of each worker ("4 GiB"). Default: the value in the job file.',
 )
-@click.option("--force", is_flag=True, help="Continue although the job was changed.")
+@click.option("--force", is_flag=True, help="Continue although the job file has changed.")
 @options.device
 def run(
     path: Path,
@@ -113,10 +116,10 @@ def run(
     force: bool,
     selector: str | None,
 ) -> None:
-    """Do what a job file says, and only what is missing, changed or failed.
+    """Run a job file; compute only items that are missing, changed or failed.
 
-    Each item has a folder in the job's output, with a record (item.json) of what it was made of;
-    manifest.sqlite there says what is done. 'clplen batch status JOB.toml' shows it.
+    Each item has a folder in the job's output, with a record of its inputs and settings
+    (item.json). manifest.sqlite lists the finished items; 'clplen batch status JOB.toml' shows it.
 
     \b
     Example:
@@ -132,7 +135,7 @@ def run(
             _print_estimate(job)
             return
         with _Bar() as bar:
-            watcher: Any = bar  # the class of watchers takes long to import
+            watcher: Any = bar  # no base class: importing it is slow
             summary = job.run(
                 scheduler=scheduler,
                 host=host,
@@ -141,12 +144,12 @@ def run(
                 force=force,
                 watcher=watcher,
             )
-        _tell(summary, job, path)
+        _print_summary(summary, job, path)
 
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Not a line for each item, and none of Dask's: what is lost is said in our words."""
+    """Silence the log lines of each item and of Dask; the summary reports lost items."""
     levels = dict.fromkeys(("clplen.io", "clplen.config"), logging.WARNING)
     levels |= dict.fromkeys(("distributed", "tornado", "asyncio"), logging.CRITICAL)
     loggers = {logging.getLogger(name): level for name, level in levels.items()}
@@ -161,34 +164,34 @@ def _quiet() -> Iterator[None]:
 
 
 class _Bar(contextlib.AbstractContextManager["_Bar"]):
-    """Progress of the items, and of the one that is under way."""
+    """Progress bar of the items, with the progress of the current item."""
 
     def __init__(self) -> None:
         self._bar: tqdm[Any] | None = None
         self._failed = 0
 
     def begin(self, *, total: int, skipped: int) -> None:
-        """How many items there are, and how many of them are done already."""
+        """Open the bar; ``skipped`` of ``total`` items are already done."""
         if skipped:
-            click.echo(f"{skipped} of {total} items are done already.", err=True)
+            click.echo(f"{skipped} of {total} items are already done.", err=True)
         self._bar = tqdm(
             total=total - skipped, unit="item", disable=not sys.stderr.isatty(), dynamic_ncols=True
         )
 
     def running(self, name: str, done: int, total: int) -> None:
-        """How far one item has come."""
+        """Show the progress of an item."""
         if self._bar is not None:
             self._bar.set_postfix_str(f"{name} {100 * done // max(total, 1)} %")
 
     def report(self, report: Report) -> None:
-        """One is done or has failed."""
+        """Advance by an item that finished or failed."""
         assert self._bar is not None
         if report.state == "failed":
             self._failed += 1
             with tqdm.external_write_mode(sys.stderr):
                 click.echo(f"{report.name} failed: {report.error}", err=True)
-        words = f"{self._failed} failed" if self._failed else report.name
-        self._bar.set_postfix_str(words, refresh=False)
+        postfix = f"{self._failed} failed" if self._failed else report.name
+        self._bar.set_postfix_str(postfix, refresh=False)
         self._bar.update()
 
     def __exit__(self, *_: object) -> None:
@@ -196,8 +199,8 @@ class _Bar(contextlib.AbstractContextManager["_Bar"]):
             self._bar.close()
 
 
-def _tell(summary: Summary, job: Job, path: Path) -> None:
-    """What became of the job; the exit status too."""
+def _print_summary(summary: Summary, job: Job, path: Path) -> None:
+    """Print the outcome of the job, and set the exit status."""
     parts = [f"{summary.done} items done"]
     if summary.skipped:
         parts.append(f"{summary.skipped} done before")
@@ -208,7 +211,7 @@ def _tell(summary: Summary, job: Job, path: Path) -> None:
         click.echo(f"Error: {summary.unsaved}", err=True)
     if summary.failed:
         click.echo(
-            f"'clplen batch status {path}' shows what failed; the next run tries it again.",
+            f"'clplen batch status {path}' lists the failures; the next run retries them.",
             err=True,
         )
     if not summary.is_good:
@@ -218,30 +221,30 @@ def _tell(summary: Summary, job: Job, path: Path) -> None:
 def _print_estimate(job: Job) -> None:
     from clplen.batch.running.estimate import estimate_job
 
-    found = estimate_job(job)
-    for line in found.lines[:_SHOWN]:
-        how = f"fails: {line.problem}" if line.problem else _sizes(line.read, line.written)
-        how = how if line.problem or line.written else "how much it writes is not known"
-        click.echo(f"  {line.name}: {how}{', streamed' if line.streamed else ''}")
-    if found.todo > _SHOWN:
-        click.echo(f"  and {found.todo - _SHOWN} more")
-    sizes = _sizes(found.read, found.written)
-    if found.lines and not found.written:
-        sizes = f"{_size(found.read)} to read, how much they write is not known"
+    estimate = estimate_job(job)
+    for line in estimate.lines[:_MAX_LISTED_ITEMS]:
+        sizes_text = f"fails: {line.problem}" if line.problem else _sizes(line.read, line.written)
+        sizes_text = sizes_text if line.problem or line.written else "size of the outputs unknown"
+        click.echo(f"  {line.name}: {sizes_text}{', streamed' if line.streamed else ''}")
+    if estimate.todo > _MAX_LISTED_ITEMS:
+        click.echo(f"  and {estimate.todo - _MAX_LISTED_ITEMS} more")
+    sizes = _sizes(estimate.read, estimate.written)
+    if estimate.lines and not estimate.written:
+        sizes = f"{_size(estimate.read)} to read, size of the outputs unknown"
     click.echo(
-        f"{found.todo} items to do ({sizes}), {found.skipped} done "
-        f"already; the results go to {job.output_folder}."
+        f"{estimate.todo} items to do ({sizes}), {estimate.skipped} already "
+        f"done; the results go to {job.output_folder}."
     )
-    click.echo(_time(found, job.workers))
+    click.echo(_time(estimate, job.workers))
 
 
-def _time(found: JobEstimate, workers: int) -> str:
-    if not found.todo:
-        return "Nothing is to be done."
-    if math.isnan(found.seconds):
-        return f"Time: not known, {found.sample.rstrip('.')}."
-    shared = f", {_clock(found.seconds / workers)} by {workers} workers" if workers > 1 else ""
-    return f"Time: about {_clock(found.seconds)}{shared}, for {found.sample}."
+def _time(estimate: JobEstimate, workers: int) -> str:
+    if not estimate.todo:
+        return "Every item is done."
+    if math.isnan(estimate.seconds):
+        return f"Time: unknown, {estimate.sample.rstrip('.')}."
+    shared = f", {_clock(estimate.seconds / workers)} with {workers} workers" if workers > 1 else ""
+    return f"Time: about {_clock(estimate.seconds)}{shared}, estimated from {estimate.sample}."
 
 
 def _sizes(read: float, written: float) -> str:
@@ -258,11 +261,11 @@ def _clock(seconds: float) -> str:
 
 @batch.command()
 @click.argument("path", metavar="JOB.toml", type=click.Path(path_type=Path))
-@click.option("--verify", is_flag=True, help="Read outputs and inputs again and compare digests.")
+@click.option("--verify", is_flag=True, help="Read outputs and inputs again, and compare digests.")
 def status(path: Path, verify: bool) -> None:
-    """Show what is done, failed, changed, damaged or missing of a job; nothing is changed.
+    """List the items of a job that failed, changed, are damaged or missing; change no file.
 
-    The exit status is 1 unless everything is done.
+    The exit status is 0 if every item is done, else 1.
 
     \b
     Example:
@@ -286,7 +289,7 @@ def status(path: Path, verify: bool) -> None:
 @click.option(
     "--host",
     metavar="ADDRESS",
-    help="Address of this computer at which the scheduler reaches the worker; default: 127.0.0.1.",
+    help="Network address of this computer for the scheduler. Default: 127.0.0.1.",
 )
 @_CERTIFICATES
 @_INSECURE
@@ -298,12 +301,13 @@ def worker(
     insecure: bool,
     selector: str | None,
 ) -> None:
-    """Start a worker for 'clplen batch JOB.toml --scheduler ADDRESS'; it runs until it is stopped.
+    """Start a worker for batch jobs with a scheduler.
 
-    It is 'dask worker ADDRESS --preload clplen.batch.preload' with as many threads as items
-    overlap (one is read, one computed, one written); start one for each
-    device, after 'dask scheduler'. A worker runs what its scheduler sends: beyond this computer
-    both need the certificate.
+    Start 'dask scheduler' first, then one worker for each device, then 'clplen batch JOB.toml
+    --scheduler ADDRESS'. Press Ctrl-C to stop the worker. The command runs 'dask worker
+    ADDRESS --preload clplen.batch.preload' with three threads: one item is read, one computed and
+    one written at a time. A worker executes any code that its scheduler sends: with several
+    computers, both need the certificate.
 
     \b
     Example:

@@ -20,24 +20,38 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @options.device
-@click.option("--list", "listed", is_flag=True, help="List the benchmarks.")
+@click.option("--list", "listed", is_flag=True, help="List the benchmarks and exit.")
 @click.option(
-    "--size", "sizes", multiple=True, help="Size in place of the benchmark's own; repeatable."
+    "--size",
+    "sizes",
+    multiple=True,
+    help="Problem size, instead of the benchmark's defaults; may be repeated.",
 )
-@click.option("--repeats", default=5, show_default=True, type=click.IntRange(1))
+@click.option(
+    "--repeats",
+    default=5,
+    show_default=True,
+    type=click.IntRange(1),
+    help="Number of timed repetitions.",
+)
 @click.option(
     "--quick",
     is_flag=True,
-    help="Use small sizes, which show whether everything works, not how fast.",
+    help="Use small sizes, to test that the benchmarks run; the timings mean little.",
 )
-@click.option("--profile", "profiled", is_flag=True, help="Time every kernel, beside the ceilings.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON: save it for --compare.")
+@click.option(
+    "--profile",
+    "profiled",
+    is_flag=True,
+    help="Time every kernel, and compare with the measured limits of the device.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON, which --compare reads.")
 @click.option(
     "--compare",
     "saved",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     metavar="FILE",
-    help="Compare the ratios with those of a saved run.",
+    help="JSON file of an earlier run whose ratios are compared.",
 )
 def bench(
     names: tuple[str, ...],
@@ -50,9 +64,10 @@ def bench(
     as_json: bool,
     saved: Path | None,
 ) -> None:
-    """Measure the device beside what the machine can do.
+    """Measure the speed of the device.
 
-    Without a NAME every benchmark is run. Only ratios mean something on another machine.
+    Times are compared with simple operations on this computer. Without NAME every benchmark runs.
+    Compare ratios, not seconds, between computers.
 
     \b
     Example:
@@ -66,44 +81,44 @@ def bench(
     from clplen.bench.environment import describe_environment, quiet_enough
     from clplen.compute.device import Device
 
-    chosen = names or registry.NAMES
-    benchmarks = {name: registry.find_benchmark(name) for name in chosen}
+    selection = names or registry.NAMES
+    benchmarks = {name: registry.find_benchmark(name) for name in selection}
     if listed:
         click.echo(
             "\n".join(f"{name:12s} {benchmark.summary}" for name, benchmark in benchmarks.items())
         )
         return
-    if sizes and len(chosen) != 1:
-        raise click.UsageError("--size belongs to one benchmark: name it.")
+    if sizes and len(selection) != 1:
+        raise click.UsageError("--size applies to a single benchmark: give its NAME.")
     if profiled and as_json:
-        raise click.UsageError("--profile prints a table and --json none: give one of them.")
-    logging.getLogger("clplen").setLevel(logging.WARNING)  # what is read is no news here
+        raise click.UsageError("--profile cannot be combined with --json: give one of them.")
+    logging.getLogger("clplen").setLevel(logging.WARNING)  # hides the readers' log lines
     before = results.read_run(saved) if saved else None
     device = Device.open(selector)
-    where, busy = describe_environment(device), quiet_enough()
+    environment, busy = describe_environment(device), quiet_enough()
     if not as_json:
-        click.echo(f"{results.device_text(where)}\n")
+        click.echo(f"{results.device_text(environment)}\n")
     reports = []
     for benchmark in benchmarks.values():
         for size in sizes or ((benchmark.quick,) if quick else benchmark.sizes):
-            report, lines = _measured(device, benchmark, size, repeats, profiled)
+            report, lines = _measure(device, benchmark, size, repeats, profiled)
             reports += [report] if report else []
             if report and not as_json:
                 click.echo("\n".join([results.report_text(report), *lines, ""]))
     if as_json:
-        click.echo(results.run_as_json(reports, where))
+        click.echo(results.run_as_json(reports, environment))
     if before is not None:
         click.echo(results.compare_runs(reports, before), err=as_json)
     if busy:
         note(busy)
     if not reports:
-        raise click.ClickException("Nothing was measured: the memory does not suffice.")
+        raise click.ClickException("No benchmark fits into the memory: try --quick.")
 
 
-def _measured(
+def _measure(
     device: Device, benchmark: Benchmark, size: str, repeats: int, profiled: bool
 ) -> tuple[Report | None, list[str]]:
-    """One benchmark at one size, and the lines of its profile, none if it is not wanted."""
+    """Run a benchmark at one size; return its report and the lines of its profile."""
     from clplen.bench import ceilings, registry
     from clplen.bench import report as results
 

@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from clplen.lightfield.model.light_field import LightField
 
 _COUNTS = re.compile(r"\s*(\d{1,4})\s*[x\u00d7]\s*(\d{1,4})\s*")
-_FAR = 1.25  # of the median, from which the rms of a board is worth a look
+_OUTLIER_RATIO = 1.25  # ratio to the median rms above which the worst board is named
 
 
 class Board(click.ParamType):
-    """(rows, columns) of inner corners from 6x9."""
+    """Number (rows, columns) of inner corners from text such as 6x9."""
 
     name = "ROWSxCOLUMNS"
 
@@ -32,33 +32,33 @@ class Board(click.ParamType):
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
         if isinstance(value, tuple):
             return value
-        found = _COUNTS.fullmatch(str(value))
-        if found is None:
+        match = _COUNTS.fullmatch(str(value))
+        if match is None:
             self.fail(
-                f"{value!r} is no board: give rows and columns of its inner corners, as 6x9 of "
-                "7 x 10 squares.",
+                f"{value!r} is not a board: give rows and columns of its inner corners, such as "
+                "6x9 for 7 x 10 squares.",
                 param,
                 ctx,
             )
-        return int(found[1]), int(found[2])
+        return int(match[1]), int(match[2])
 
 
 @click.command(cls=options.Command)
 @click.argument(
     "sources", metavar="INPUT...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )
-@options.output("OUT.json")
+@options.output("OUT.json", "Output file of the intrinsics.")
 @click.option(
     "--board",
     required=True,
     type=Board(),
-    help="Number of inner corners, where four squares meet: one less than squares each way.",
+    help="Number of inner corners of the checkerboard: 6x9 for 7 x 10 squares.",
 )
 @click.option(
     "--spacing",
     required=True,
     type=options.Length("positive"),
-    help="Side of a square: 25mm, or .025 (metres).",
+    help="Side of a square, for example 25mm; a bare number is in metres.",
 )
 @options.layout
 @options.device
@@ -70,11 +70,11 @@ def calibrate(
     selector: str | None,
     **layout: Any,
 ) -> None:
-    """Find the intrinsics of a light-field camera from light fields of a checkerboard.
+    """Calibrate a light-field camera with a checkerboard.
 
-    Each INPUT is a light field of the board in another pose: at least 3, better 10, tilted by 20 to
-    40 degrees to all sides, over the distances that are measured later. Other commands take
-    OUT.json as --intrinsics: they rectify the views, and 'clplen depth' gives metres.
+    Each INPUT is a light field of the board in another pose. Take at least 3, better 10, tilted by
+    20 to 40 degrees to all sides, over the distances to be measured later. Pass OUT.json to other
+    commands as --intrinsics: they rectify the views, and 'clplen depth' gives metres.
 
     \b
     Example:
@@ -93,20 +93,20 @@ def calibrate(
     except ModuleNotFoundError as error:
         raise click.ClickException(str(error)) from error
     for source in sources:
-        kind_of(source)  # refuses what is missing before anything is read
+        kind_of(source)  # reports missing files before any file is read
     inputs = [file for source in sources for file in files_of(source, **layout)]
     check_output(output, layout["force"], inputs, " of the light fields")
     with progress_bar(len(sources), "board") as bar:
         lazy = _LightFields(sources, selector, layout, bar)
-        found = calibrated(lazy, board, spacing, names=[str(source) for source in sources])
-    write_intrinsics(output, found)
-    for line in summary(found, [str(source) for source in sources]):
+        intrinsics = calibrated(lazy, board, spacing, names=[str(source) for source in sources])
+    write_intrinsics(output, intrinsics)
+    for line in summary(intrinsics, [str(source) for source in sources]):
         click.echo(line)
-    click.echo(f"{output} holds the intrinsics, for --intrinsics.")
+    click.echo(f"{output} holds the intrinsics; pass it to other commands as --intrinsics.")
 
 
 class _LightFields(Sequence["LightField"]):
-    """Light fields that are read when they are looked at."""
+    """Sequence of light fields that are read on access."""
 
     def __init__(
         self, sources: tuple[Path, ...], selector: str | None, layout: dict[str, Any], bar: Any
@@ -121,15 +121,16 @@ class _LightFields(Sequence["LightField"]):
         return read(self.sources[index], self.selector, self.layout)
 
 
-def summary(found: Intrinsics, names: list[str]) -> list[str]:
-    """What was found, in lines."""
-    H, (b_u, b_v, k1, k2, k3) = found.matrix, found.distortion
-    f_y, f_x = found.focal
-    D = np.zeros((5, 5)) if found.deviations is None else found.deviations
-    V, U, ny, nx = found.shape
+def summary(intrinsics: Intrinsics, names: list[str]) -> list[str]:
+    """Return the intrinsics as lines of text."""
+    H, (b_u, b_v, k1, k2, k3) = intrinsics.matrix, intrinsics.distortion
+    f_y, f_x = intrinsics.focal
+    y, x = _axis(intrinsics)
+    D = np.zeros((5, 5)) if intrinsics.deviations is None else intrinsics.deviations
+    V, U, ny, nx = intrinsics.shape
     wide = [2 * np.degrees(np.arctan(n * pitch / 2)) for n, pitch in ((nx, H[2, 2]), (ny, H[3, 3]))]
-    inverse = 1 / found.focus
-    far = f"{found.focus:.4g} m" if inverse else "infinity"
+    inverse = 1 / intrinsics.focus
+    far = f"{intrinsics.focus:.4g} m" if inverse else "infinity"
     lines = [
         f"views          {V} x {U} of {ny} x {nx} pixels, {wide[0]:.3g} x {wide[1]:.3g} degrees",
         f"focal length   {f_x:.6g} px along x (+- {f_x**2 * D[2, 2]:.2g}), {f_y:.6g} px along y "
@@ -137,28 +138,27 @@ def summary(found: Intrinsics, names: list[str]) -> list[str]:
         f"baseline       {H[0, 0]:.5g} m between columns of views (+- {D[0, 0]:.2g}), "
         f"{H[1, 1]:.5g} m between rows (+- {D[1, 1]:.2g})",
         f"disparity 0    at {far}",
-        f"axis           at pixel (y, x) = ({_axis(found)[0]:.2f}, {_axis(found)[1]:.2f}) of the "
-        "middle view",
+        f"axis           at pixel (y, x) = ({y:.2f}, {x:.2f}) of the middle view",
         f"distortion     k1 {k1:.4g}, k2 {k2:.4g}, k3 {k3:.4g} about ({b_u:.3g}, {b_v:.3g})",
-        f"rms            {found.rms:.3g} px",
+        f"rms            {intrinsics.rms:.3g} px",
     ]
-    rms = found.board_rms
+    rms = intrinsics.board_rms
     if rms is not None:
         worst = int(np.nanargmax(rms))
         each = ", ".join("left out" if np.isnan(value) else f"{value:.3g}" for value in rms)
         lines.append(f"  of boards    {each}")
-        if rms[worst] > _FAR * np.nanmedian(rms):
-            lines.append(f"               the largest is that of {names[worst]}")
-    if found.view_rms is not None:
-        low, high = np.nanmin(found.view_rms), np.nanmax(found.view_rms)
+        if rms[worst] > _OUTLIER_RATIO * np.nanmedian(rms):
+            lines.append(f"               largest: {names[worst]}")
+    if intrinsics.view_rms is not None:
+        low, high = np.nanmin(intrinsics.view_rms), np.nanmax(intrinsics.view_rms)
         lines.append(f"  of views     {low:.3g} to {high:.3g}")
     return lines
 
 
-def _axis(found: Intrinsics) -> tuple[float, float]:
-    """(y, x) of the pixel of the middle view that looks along the axis."""
-    V, U = found.shape[:2]
-    H = found.matrix
+def _axis(intrinsics: Intrinsics) -> tuple[float, float]:
+    """Return the pixel (y, x) of the middle view on the optical axis."""
+    V, U = intrinsics.shape[:2]
+    H = intrinsics.matrix
     x = -(H[2, 4] + H[2, 0] * (U - 1) / 2) / H[2, 2]
     y = -(H[3, 4] + H[3, 1] * (V - 1) / 2) / H[3, 3]
     return float(y), float(x)

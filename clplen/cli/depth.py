@@ -15,22 +15,22 @@ from clplen.cli.shared.console import (
     check_outputs,
     check_planes,
     check_suffix,
+    disparities_of,
+    fraction_at_ends,
     note_end,
     note_nearly_black,
+    open_stored,
     planes_of,
     read,
-    share_at_ends,
-    stored,
     tile_progress,
-    tried_disparities,
 )
 from clplen.cli.shared.focused import (
     SUFFIXES,
-    check_kept,
-    depth_words,
+    check_raw_picture,
+    depth_options,
     find_depth,
-    is_meant,
-    refuse,
+    is_focused_raw,
+    refuse_options,
 )
 from clplen.cli.shared.focused import read as open_raw
 from clplen.cli.shared.setting_options import setting_options
@@ -45,20 +45,20 @@ if TYPE_CHECKING:
 Values = np.ndarray[Any, Any]
 
 _MAPS = (".pfm", ".tif", ".tiff", ".npy")
-_NOTHING = 1e-3  # confidence of a map that tells nothing, but for rounding
-_AT_ENDS = 0.01  # of the pixels: how many may lie at the first or last plane unsaid
-_SURE = 0.5  # confidence above which a pixel counts as sure
+MIN_CONFIDENCE = 1e-3  # a map whose largest confidence is lower shows rounding errors only
+MAX_AT_ENDS = 0.01  # fraction of pixels at the first or last plane above which a hint is printed
+RELIABLE_ABOVE = 0.5  # confidence above which a pixel counts as reliable
 
 
 @click.command(cls=options.Command)
 @options.source
 @options.output(
     "OUT.pfm|OUT.tif|OUT.npy",
-    "Disparities; a picture of the same name in .png is written beside them.",
+    "Output file of the disparities; a picture .png of equal name is written beside it.",
 )
 @setting_options(DepthSettings, "aperture", "cue")
-@options.file("--confidence", help="Confidence from 0 to 1, as .pfm, .tif or .npy.")
-@depth_words
+@options.file("--confidence", help="Output file of the confidence, 0 to 1: .pfm, .tif or .npy.")
+@depth_options
 @options.plane_range
 @metric.lengths
 @options.memory
@@ -77,9 +77,9 @@ def depth(
     alphas: Any,
     memory: int | None,
     selector: str | None,
-    **words: Any,
+    **arguments: Any,
 ) -> None:
-    """Find the disparity of every pixel: values as PFM, TIFF or NumPy, and a picture.
+    """Estimate the disparity of every pixel.
 
     \b
     Example:
@@ -87,8 +87,8 @@ def depth(
       clplen depth simulated/raw.h5 -o depth.ome.tif --metric z.pfm
       clplen depth scene.h5 -o depth.pfm --intrinsics camera.json --metric z.pfm
 
-    Of a raw image of a focused camera: m = b/a, on its picture; .h5 holds it of every sub-image too
-    and .ome.tif the virtual depth, distances and confidence.
+    For a raw image of a focused camera the map holds m = b/a. A file .h5 also holds m of every
+    sub-image; .ome.tif also holds virtual depth, distances and confidence.
     """
     from clplen import plot
     from clplen.io import write_depth
@@ -97,75 +97,80 @@ def depth(
     from clplen.plot.base import verbatim
 
     check_planes(disparities, alphas)
-    lengths = metric.lengths_of(words)
+    lengths = metric.lengths_of(arguments)
     picture = output.with_suffix(".png")
-    if is_meant(source, {"m": ms, "focused": focused, "image": image}):
-        refuse(cue=cue, aperture=aperture, disparities=disparities, alphas=alphas, memory=memory)
-        refuse(intrinsics=words["intrinsics"], baseline_mm=lengths.camera if lengths else None)
+    if is_focused_raw(source, {"m": ms, "focused": focused, "image": image}):
+        refuse_options(cue=cue, aperture=aperture, disparities=disparities, alphas=alphas)
+        refuse_options(memory=memory, intrinsics=arguments["intrinsics"])
+        refuse_options(baseline_mm=lengths.camera if lengths else None)
         maps, more = (confidence,), (output, picture)
-        _check_names(source, words, maps, lengths, *more)
+        _check_names(source, arguments, maps, lengths, *more)
         check_suffix(output, SUFFIXES)
         files = [path for path in (*more, confidence) if path is not None]
-        check_kept(source, image, *files)
+        check_raw_picture(source, image, *files)
         find_depth(
-            open_raw(source, selector, words, image),
+            open_raw(source, selector, arguments, image),
             output,
             ms=ms,
-            step=words["step"],
+            step=arguments["step"],
             confidence=confidence,
             metric=lengths.metric if lengths else None,
             ply=lengths.ply if lengths else None,
             title=source.name,
         )
         return
-    _check_names(source, words, (output, confidence), lengths, picture)
-    with _opened(source, selector, words, memory) as (opened, device):
-        if isinstance(opened, LightField):
-            note_nearly_black(opened, aperture)
-        lf = through(opened, aperture)
+    _check_names(source, arguments, (output, confidence), lengths, picture)
+    with _opened(source, selector, arguments, memory) as (source_light_field, device):
+        if isinstance(source_light_field, LightField):
+            note_nearly_black(source_light_field, aperture)
+        lf = through(source_light_field, aperture)
         if lengths is not None:
             metric.check_camera(lf, lengths)
         planes = planes_of(lf, disparities, alphas)
-        found = _found(lf, device, cue, memory, planes)
-        said = metric.write(lf, found, lengths) if lengths is not None else metric.Said("", ())
+        depth = _depth(lf, device, cue, memory, planes)
+        text = metric.MetricText("", ())
+        if lengths is not None:
+            text = metric.write(lf, depth, lengths)
     if output.suffix.lower() == ".npy":
-        metric.write_map(output, found.disparity)
+        metric.write_map(output, depth.disparity)
     else:
-        write_depth(output, found, spacing=lf.spacing, replace=True)
+        write_depth(output, depth, spacing=lf.spacing, replace=True)
     if confidence is not None:
-        metric.write_map(confidence, found.confidence)
-    plot.save(plot.depth(found, title=f"disparity of {verbatim(source.name)}"), picture)
-    known = found.disparity[np.isfinite(found.disparity)]
-    tried = tried_disparities(lf, planes)
-    noted = note_end(tried, known, "for more than half of the pixels the sharpest plane is")
-    sure = "" if confidence is None else f", {confidence} holds their confidence"
-    shown = f"{picture} shows them" + (" with their confidence" if confidence is None else "")
-    click.echo(f"{output} holds the disparities, {shown}{sure}{''.join(said.files)}.")
-    click.echo(_summary(found))
-    share = share_at_ends(tried, known)
-    if share > _AT_ENDS and not noted:
+        metric.write_map(confidence, depth.confidence)
+    plot.save(plot.depth(depth, title=f"disparity of {verbatim(source.name)}"), picture)
+    valid = depth.disparity[np.isfinite(depth.disparity)]
+    tried_disparities = disparities_of(lf, planes)
+    noted = note_end(
+        tried_disparities, valid, "for more than half of the pixels the sharpest plane is"
+    )
+    extra = "" if confidence is None else f", {confidence} holds their confidence"
+    view = f"{picture} shows them" + (" with their confidence" if confidence is None else "")
+    click.echo(f"{output} holds the disparities, {view}{extra}{''.join(text.files)}.")
+    click.echo(_summary(depth))
+    fraction = fraction_at_ends(tried_disparities, valid)
+    if fraction > MAX_AT_ENDS and not noted:
         click.echo(
-            f"{100 * share:.0f} % of the pixels lie at the first or last plane: give a wider "
-            "--disparities."
+            f"{100 * fraction:.0f} % of the pixels lie at the first or last plane: give a wider "
+            "range of --disparities."
         )
-    if said.distances:
-        click.echo(said.distances)
+    if text.distances:
+        click.echo(text.distances)
 
 
 @contextmanager
 def _opened(
-    source: Path, selector: str | None, words: dict[str, Any], memory: int | None
+    source: Path, selector: str | None, layout: dict[str, Any], memory: int | None
 ) -> Iterator[tuple[LightField | StoredLightField, Device]]:
-    """The light field, in core or, with a budget of memory, part by part; and the device."""
+    """Open the light field, read at once or, with a memory limit, in tiles; and its device."""
     if memory is None:
-        lf = read(source, selector, words)
+        lf = read(source, selector, layout)
         yield lf, lf.device
     else:
-        with stored(source, selector, words) as opened:
-            yield opened
+        with open_stored(source, selector, layout) as pair:
+            yield pair
 
 
-def _found(
+def _depth(
     lf: LightField | StoredLightField,
     device: Device,
     cue: str | None,
@@ -188,9 +193,9 @@ def _check_names(
     lengths: metric.Lengths | None,
     *more: Path,
 ) -> None:
-    """Refuse maps of another kind, outputs of the same name, or that cannot be written."""
-    wanted = [*maps, lengths.metric if lengths else None]
-    outputs = [path for path in wanted if path is not None]
+    """Reject maps with another suffix, outputs of equal name, and unwritable outputs."""
+    requested = [*maps, lengths.metric if lengths else None]
+    outputs = [path for path in requested if path is not None]
     for path in outputs:
         check_suffix(path, _MAPS)
     outputs += more
@@ -199,20 +204,21 @@ def _check_names(
         outputs.append(lengths.ply)
     for path in outputs:
         if outputs.count(path) > 1:
-            raise click.UsageError(f"{path} is named for two outputs: give each a name of its own.")
+            raise click.UsageError(f"{path} is used for two outputs: choose different names.")
     check_outputs(source, layout, *outputs)
 
 
-def _summary(found: DepthMap) -> str:
-    """The range of the disparities, and how many pixels are sure."""
-    sure = found.confidence > _SURE
-    share = f"{100 * sure.mean():.0f} % of the pixels are sure (confidence above {_SURE:g})"
-    known = found.disparity[np.isfinite(found.disparity)]
-    if not known.size or found.confidence.max() <= _NOTHING:
-        return f"{share}: what the map holds was not measured, the views show too little detail."
-    low, high = np.percentile(known, [1, 99])
+def _summary(depth: DepthMap) -> str:
+    """Return the range of the disparities and the fraction of reliable pixels as text."""
+    reliable = depth.confidence > RELIABLE_ABOVE
+    percent = 100 * reliable.mean()
+    share = f"{percent:.0f} % of the pixels are reliable (confidence above {RELIABLE_ABOVE:g})"
+    valid = depth.disparity[np.isfinite(depth.disparity)]
+    if not valid.size or depth.confidence.max() <= MIN_CONFIDENCE:
+        return f"{share}: the views show too little detail to measure disparities."
+    low, high = np.percentile(valid, [1, 99])
     text = f"98 % of the disparities lie from {low:.3f} to {high:.3f}; {share}"
-    if not sure.any():
+    if not reliable.any():
         return f"{text}: the views show little detail, or differ in brightness."
-    low, high = found.disparity[sure].min(), found.disparity[sure].max()
-    return f"{text}, those from {low:.3f} to {high:.3f}."
+    low, high = depth.disparity[reliable].min(), depth.disparity[reliable].max()
+    return f"{text}, from {low:.3f} to {high:.3f}."

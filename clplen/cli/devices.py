@@ -23,12 +23,15 @@ if TYPE_CHECKING:
 @click.option(
     "--check",
     is_flag=True,
-    help="Compare every kind of computation with NumPy in double precision, on the devices that "
-    "--device fits or else on each one; the exit status is 1 if anything is wrong.",
+    help="Test every kind of computation against NumPy in double precision, on all devices or "
+    "those that match --device. The exit status is 1 if a test fails.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print JSON with --check, not a table.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table (--check).")
 def devices(selector: str | None, check: bool, as_json: bool) -> None:
-    """List the OpenCL devices, and say which one would be taken and why; or check them.
+    """List or test the OpenCL devices.
+
+    The list marks the default device. --check ends with a sentence that says whether the devices
+    are fit for use.
 
     \b
     Example:
@@ -38,31 +41,31 @@ def devices(selector: str | None, check: bool, as_json: bool) -> None:
     """
     from clplen.compute.device import Device
 
-    warnings.simplefilter("ignore")  # what they say stands in the list
+    warnings.simplefilter("ignore")  # the list repeats them as notes
     if as_json and not check:
-        raise click.UsageError("--json belongs to --check: give both.")
+        raise click.UsageError("--json applies to --check: give both.")
     if check:
-        if not _checked(selector, as_json):
+        if not _check(selector, as_json):
             click.get_current_context().exit(1)
         return
-    wanted = selector or os.environ.get("CLPLEN_DEVICE") or None
-    taken, why = _taken(wanted)
+    default, reason = _default_device(selector or os.environ.get("CLPLEN_DEVICE") or None)
     for device in Device.all():
-        click.echo(_listed(device, taken))
-    click.echo(why)
-    if taken is None:
+        click.echo(_describe(device, default))
+    click.echo(reason)
+    if default is None:
         click.get_current_context().exit(1)
 
 
-def _listed(device: Device, taken: Device | None) -> str:
-    """One device with what can be said about it."""
+def _describe(device: Device, default: Device | None) -> str:
+    """Return the properties of a device as lines of text."""
     from clplen.compute.device import Device
 
     try:
         note = Device.open(device.place).note
     except ClplenError as error:
         note = error_sentence(error)
-    mark = "*" if taken is not None and device.cl_device == taken.cl_device else " "
+    is_default = default is not None and device.cl_device == default.cl_device
+    mark = "*" if is_default else " "
     route = device.fft.name
     if route != "vkfft":
         route += f" on the host, {device.fft.threads} threads"
@@ -76,44 +79,60 @@ def _listed(device: Device, taken: Device | None) -> str:
     return "\n       ".join(lines + ([f"note    {note}"] if note else []))
 
 
-def _taken(wanted: str | None) -> tuple[Device | None, str]:
-    """The device that a command would take, and the reason."""
+def _default_device(selector: str | None) -> tuple[Device | None, str]:
+    """Return the device that commands use, and the reason."""
     from clplen.compute.device import Device
 
     try:
-        device = Device.open(wanted)
+        device = Device.open(selector)
     except ClplenError as error:
-        return None, f"None would be taken: {error_sentence(error)}"
-    if wanted is not None:
-        reason = f"it fits {wanted!r}"
+        return None, f"No device can be used: {error_sentence(error)}"
+    if selector is not None:
+        reason = f"it matches {selector!r}"
     elif not device.is_cpu:
         reason = "it is the first GPU"
     else:
-        reason = "there is no usable GPU, and it is the first CPU that compiles kernels"
-    return device, f"* {device.name} would be taken: {reason}."
+        reason = "no GPU is usable, and it is the first CPU that compiles kernels"
+    return device, f"* {device.name} is used: {reason}."
 
 
-def _checked(selector: str | None, as_json: bool) -> bool:
-    """Check some devices, print what came of it, and say whether all is well."""
+def _check(selector: str | None, as_json: bool) -> bool:
+    """Test devices and print the results; return True if every test passed."""
     from clplen.compute.device import Device
     from clplen.compute.drivers.selection import find_devices, select
     from clplen.selftest.report import paste_block
     from clplen.selftest.runner import numbers_of
 
-    there = Device.all()
+    devices = Device.all()
     if selector is not None:
-        fitting = [place for place, _ in select(find_devices(), selector)]
-        there = [device for device in there if device.place in fitting]
-    reports = [_report_of(device, as_json) for device in there]
+        matches = [position for position, _ in select(find_devices(), selector)]
+        devices = [device for device in devices if device.place in matches]
+    reports = [_report_of(device, as_json) for device in devices]
     if as_json:
         click.echo(json.dumps(numbers_of(reports), indent=1))
     else:
-        click.echo(paste_block(reports))
+        click.echo(f"{paste_block(reports)}\n\n{_verdict(reports)}")
     return not any(result.failed for report in reports for result in report.results)
 
 
+def _verdict(reports: list[DeviceReport]) -> str:
+    """Return a sentence about the devices that are fit for use and those that are not."""
+    failures = [[result.name for result in report.results if result.failed] for report in reports]
+    names = [report.facts.get("device", "the device").split("  ")[-1] for report in reports]
+    fit = [name for name, failed in zip(names, failures, strict=True) if not failed]
+    unfit = [
+        f"{name} (failed: {', '.join(failed)})"
+        for name, failed in zip(names, failures, strict=True)
+        if failed
+    ]
+    parts = [f"fit for use: {', '.join(fit)}"] if fit else []
+    parts += [f"not fit for use: {', '.join(unfit)}"] if unfit else []
+    sentence = "; ".join(parts) or "no device was tested"
+    return f"{sentence[0].upper()}{sentence[1:]}."
+
+
 def _report_of(device: Device, is_silent: bool) -> DeviceReport:
-    """The checks of one device, each row printed when it is there."""
+    """Test a device and print each row when its test ends."""
     from clplen.selftest.report import HEAD, row, summary
     from clplen.selftest.runner import run_isolated
 

@@ -13,10 +13,10 @@ import click
 import numpy as np
 
 from clplen.cli.microscopy import fourier
-from clplen.cli.microscopy.microscope import described
+from clplen.cli.microscopy.microscope import describe_microscope
 from clplen.cli.shared import options
 from clplen.cli.shared.console import capture_messages, check_outputs, read
-from clplen.cli.shared.light_field_rows import Rows, of_orders, of_samples, typed
+from clplen.cli.shared.light_field_rows import Rows, as_options, order_rows, sample_rows
 
 if TYPE_CHECKING:
     from clplen.lightfield.model.light_field import LightField
@@ -27,14 +27,14 @@ _VOLUMES = (".tif", ".tiff", ".zarr")
 
 
 def pupil_words(terms: dict[str, float] | None) -> str:
-    """Zernike terms of a pupil, in nanometres."""
+    """Return the Zernike terms of a pupil, in nanometres, as text."""
     if not terms:
         return "no aberrations"
     return ", ".join(f"{j}: {c * 1e9:.4g} nm" for j, c in terms.items()) + " (Noll's index)"
 
 
-def map_in(source: Path) -> np.ndarray[Any, Any] | None:
-    """The values of a disparity map; None if it is something else."""
+def read_map_if_any(source: Path) -> np.ndarray[Any, Any] | None:
+    """Read a disparity map; return None if the file is something else."""
     from clplen.errors import FormatError
     from clplen.io import read_disparity
 
@@ -48,27 +48,27 @@ def map_in(source: Path) -> np.ndarray[Any, Any] | None:
         return None
 
 
-def of_map(source: Path, values: np.ndarray[Any, Any]) -> tuple[Rows, dict[str, Any]]:
-    """Of a disparity map."""
-    known = values[np.isfinite(values)]
+def map_info(source: Path, values: np.ndarray[Any, Any]) -> tuple[Rows, dict[str, Any]]:
+    """Return the rows and data of a disparity map."""
+    valid = values[np.isfinite(values)]
     low, median, high = (
-        (float(known.min()), float(np.median(known)), float(known.max()))
-        if known.size
+        (float(valid.min()), float(np.median(valid)), float(valid.max()))
+        if valid.size
         else (math.nan,) * 3
     )
-    unknown = values.size - known.size
+    unknown = values.size - valid.size
     rows = [
         ("File", f"{source}, a disparity map"),
         ("Size", f"{values.shape[0]} x {values.shape[1]} pixels (y, x)"),
         ("Range", f"{low:.6g} to {high:.6g}, median {median:.6g}"),
-        ("Not known", f"{unknown} of {values.size} pixels (NaN or infinite)"),
+        ("Invalid", f"{unknown} of {values.size} pixels (NaN or infinite)"),
     ]
     data = {"shape": values.shape, "low": low, "median": median, "high": high}
     return rows, {"file": source, "kind": "a disparity map", **data, "unknown": unknown}
 
 
-def volume_in(source: Path) -> tuple[np.ndarray[Any, Any], dict[str, Any]] | None:
-    """A volume and its description; None if it is something else."""
+def read_volume_if_any(source: Path) -> tuple[np.ndarray[Any, Any], dict[str, Any]] | None:
+    """Read a volume and its description; return None if the file is something else."""
     from clplen.io.results.volume_files import is_volume, read_volume
 
     if source.suffix.lower() not in _VOLUMES or not is_volume(source):
@@ -76,10 +76,10 @@ def volume_in(source: Path) -> tuple[np.ndarray[Any, Any], dict[str, Any]] | Non
     return read_volume(source)
 
 
-def of_volume(
+def volume_info(
     source: Path, values: np.ndarray[Any, Any], about: dict[str, Any]
 ) -> tuple[Rows, dict[str, Any]]:
-    """Of a volume of a light-field microscope."""
+    """Return the rows and data of a volume of a light-field microscope."""
     planes, kind = about["planes_um"], "a volume of a light-field microscope"
     steps = {round(step, 6) for step in np.diff(planes)}
     total, high = values.sum(dtype=np.float64), float(values.max())
@@ -96,40 +96,40 @@ def of_volume(
         rows.append(
             ("Residual", f"{about['residuals'][-1]:.3g} after {len(about['residuals'])} iterations")
         )
-    near = about.get("degenerate_um")
-    if near:
-        ends = f"z from {min(near):g} to {max(near):g} um"
-        rows.append(("Degenerate", f"{ends}: nothing finer than a lenslet is resolved"))
+    degenerate = about.get("degenerate_um")
+    if degenerate:
+        ends = f"z from {min(degenerate):g} to {max(degenerate):g} um"
+        rows.append(("Degenerate", f"{ends}: details finer than a lenslet are not resolved"))
     if "place" in about:
         y, x = about["place"]["first"]
-        rows.append(("Place", f"voxel (0, 0) lies at (y, x) = ({y:g}, {x:g}) px of the raw frame"))
-    rows += [("Also", text) for text in about.get("remarks", [])]
+        rows.append(("Origin", f"voxel (0, 0) lies at (y, x) = ({y:g}, {x:g}) px of the raw frame"))
+    rows += [("Note", text) for text in about.get("remarks", [])]
     data = {"file": source, "kind": kind, "shape": values.shape, "light": total, "high": high}
     return rows, data | about
 
 
 _HDF5 = (".h5", ".hdf5")
-_COLUMNS = 100  # of text beside the labels
+_MAX_COLUMNS = 100  # width of the text beside the labels
 _FOCUSED = "focused camera (plenoptic 2.0): see 'clplen render', 'stack' and 'depth'"
 _AXIS_WORDS = ("swap_uv", "flip_v", "flip_u")
 
 
 @click.command(cls=options.Command)
 @options.source
-@click.option("--json", "as_json", is_flag=True, help="Write JSON instead of a table.")
-@options.file("--save-grid", help="Write the lenslet lattice of a raw image, for --grid.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
+@options.file("--save-grid", help="Output file of the lenslet lattice, for the option --grid.")
 @click.option(
     "--save-pictures",
     metavar="FOLDER",
     type=click.Path(path_type=Path),
-    help="Save the pictures and maps that a processed Lytro file holds.",
+    help="Output folder for the pictures and maps in a processed Lytro file.",
 )
 @click.option(
     "--farthest",
     type=click.FloatRange(0, 8, min_open=True),
     default=2.0,
     show_default=True,
-    help="Disparity up to which the order of the views is looked for first.",
+    help="Largest absolute disparity of the first search for the order of the views.",
 )
 @options.layout
 @options.device
@@ -142,15 +142,14 @@ def info(
     selector: str | None,
     **layout: Any,
 ) -> None:
-    """Tell what a file or folder holds, and whether its views are read in the right order.
+    """Describe a file, and check the order of its views.
 
-    For light fields: size, type and range of the samples, dark views, and the sharpness of the
-    focal stack in each of the eight orders of the view axes, with the options that mend a wrong
-    one. For raw images: the lattice of their lenslets, and their camera where they tell
-    it. For disparity maps: size and range. For volumes of microscopes: planes, voxels, residual,
-    and what was said of their frame. For pictures, stacks and depth of focused cameras: size
-    and m. For parameters of a camera or microscope in TOML: what follows from them. For point
-    images of a microscope: what they were made with. For processed Lytro files: their sections.
+    Light fields: size, type and range of the samples, dark views, and the sharpness of the focal
+    stack in each of the eight orders of the view axes, with the options that correct a wrong order.
+    Raw images: lenslet lattice, and the camera if the file stores it. Disparity maps: size and
+    range. Volumes of microscopes: planes, voxels, residual and remarks. Results of focused cameras:
+    size and m. Camera or microscope files (TOML): derived quantities. Point images of a microscope:
+    their parameters. Processed Lytro files: their sections.
 
     \b
     Example:
@@ -165,49 +164,49 @@ def info(
 
     if save_grid is not None:
         check_outputs(source, layout, save_grid)
-    given = {name for name, value in layout.items() if value not in (None, False)} - {"force"}
-    focused = None if given or save_grid else describe_focused(source)
+    settings = {name for name, value in layout.items() if value not in (None, False)} - {"force"}
+    focused = None if settings or save_grid else describe_focused(source)
     contents = processed_contents(source)
     if save_pictures is not None and contents is None:
         raise click.UsageError(
-            f"--save-pictures is for processed Lytro files, which {source} is not: 'clplen render' "
-            "makes pictures of light fields."
+            f"--save-pictures applies to processed Lytro files, which {source} is not: use 'clplen "
+            "render' to make pictures of a light field."
         )
-    plain = not given and not save_grid and focused is None
-    volume = volume_in(source) if plain else None
-    values = map_in(source) if plain and volume is None else None
+    plain = not settings and not save_grid and focused is None
+    volume = read_volume_if_any(source) if plain else None
+    values = read_map_if_any(source) if plain and volume is None else None
     if contents is not None:
-        rows, data = _of_processed(source, contents, save_pictures, layout["force"])
+        rows, data = _processed_info(source, contents, save_pictures, layout["force"])
     elif focused is not None:
-        rows, data = _of_focused(source, *focused)
+        rows, data = _focused_info(source, *focused)
     elif volume is not None:
-        rows, data = of_volume(source, *volume)
+        rows, data = volume_info(source, *volume)
     elif values is not None:
-        rows, data = of_map(source, values)
+        rows, data = map_info(source, values)
     elif source.suffix.lower() == ".toml":
-        rows, data = _of_parameters(source, selector)
+        rows, data = _camera_file_info(source, selector)
     elif (images := fourier.point_images(source)) is not None:
         rows, data = fourier.info_of_point_images(source, *images)
     elif (images := _point_images(source)) is not None:
-        rows, data = _of_point_images(source, *images)
+        rows, data = _point_image_info(source, *images)
     elif source.suffix.lower() == ".xml":
-        rows, data = _of_calibration(source)
+        rows, data = _calibration_info(source)
     elif is_raw_file(source):
-        rows, data = _of_raw(source, selector)
+        rows, data = _raw_info(source, selector)
     else:
-        rows, data = _of_lightfield(source, selector, layout, farthest, save_grid)
+        rows, data = _light_field_info(source, selector, layout, farthest, save_grid)
     if as_json:
         click.echo(json.dumps(_plain(data), indent=2))
         return
     width = 2 + max(len(label) for label, _ in rows)
     for label, text in rows:
-        lines = textwrap.wrap(text, _COLUMNS, break_long_words=False, break_on_hyphens=False)
-        fits = len(text) <= _COLUMNS or "  " in text.strip()  # a line of a table
+        lines = textwrap.wrap(text, _MAX_COLUMNS, break_long_words=False, break_on_hyphens=False)
+        fits = len(text) <= _MAX_COLUMNS or "  " in text.strip()  # a line of a table
         for number, line in enumerate([text] if fits else lines):
             click.echo(f"{'' if number else label:<{width}}{line}".rstrip())
 
 
-def _of_processed(
+def _processed_info(
     source: Path, contents: list[tuple[str, int]], folder: Path | None, force: bool
 ) -> tuple[Rows, dict[str, Any]]:
     from clplen.io.raw.lytro_pictures import save_lytro_pictures
@@ -225,18 +224,18 @@ def _of_processed(
     return rows, {"file": source, "kind": kind, "sections": sections, "saved": saved}
 
 
-def _of_focused(source: Path, kind: str, found: dict[str, Any]) -> tuple[Rows, dict[str, Any]]:
-    size = " x ".join(map(str, found["shape"]))
+def _focused_info(source: Path, kind: str, about: dict[str, Any]) -> tuple[Rows, dict[str, Any]]:
+    size = " x ".join(map(str, about["shape"]))
     rows = [("File", f"{source}, {kind}"), ("Size", f"{size} samples")]
-    if "lenslets" in found:
-        rows.append(("Lenslets", " x ".join(map(str, found["lenslets"]))))
-    if "m" in found:
-        rows.append(("m = b/a", ", ".join(f"{m:.6g}" for m in found["m"])))
-    return rows, {"file": source, "kind": kind, **found}
+    if "lenslets" in about:
+        rows.append(("Lenslets", " x ".join(map(str, about["lenslets"]))))
+    if "m" in about:
+        rows.append(("m = b/a", ", ".join(f"{m:.6g}" for m in about["m"])))
+    return rows, {"file": source, "kind": kind, **about}
 
 
-def _of_parameters(source: Path, selector: str | None) -> tuple[Rows, dict[str, Any]]:
-    """What follows from the parameters of a camera or a microscope."""
+def _camera_file_info(source: Path, selector: str | None) -> tuple[Rows, dict[str, Any]]:
+    """Return the quantities derived from a camera or microscope file."""
     from clplen.compute.device import Device
     from clplen.config.camera_file import read_camera_file
     from clplen.config.kinds import FOURIER, kind_of
@@ -249,67 +248,70 @@ def _of_parameters(source: Path, selector: str | None) -> tuple[Rows, dict[str, 
         return fourier.info_of_parameters(source, Device.open(selector))
     if kind == "microscope":
         file = read_microscope_file(source)
-        camera, taken, kind = file.camera, file.taken, "parameters of a light-field microscope"
-        asked = {"slices": file.slices, "um_per_slice": file.um_per_slice, "voxels": file.voxels}
-        asked |= {"pixels_per_lenslet": file.pixels, "binning": file.binning}
+        camera, defaults = file.camera, file.assumptions
+        kind = "parameters of a light-field microscope"
+        counts = {"slices": file.slices, "um_per_slice": file.um_per_slice, "voxels": file.voxels}
+        counts |= {"pixels_per_lenslet": file.pixels, "binning": file.binning}
     else:
-        camera, taken, kind = read_camera_file(source).camera, (), "parameters of a camera"
-        asked = {}
+        camera, defaults, kind = read_camera_file(source).camera, (), "parameters of a camera"
+        counts = {}
     built = camera.build(Device.open(selector))
-    known = described(built) if camera.kind == "microscope" else built.describe()
-    rows = [("File", f"{source}, {kind}"), ("Camera", known.title)]
-    rows += [("", line) for line in str(known).splitlines()[1:]]
-    rows += [(name.replace("_", " ").capitalize(), f"{value:g}") for name, value in asked.items()
+    is_microscope = camera.kind == "microscope"
+    description = describe_microscope(built) if is_microscope else built.describe()
+    rows = [("File", f"{source}, {kind}"), ("Camera", description.title)]
+    rows += [("", line) for line in str(description).splitlines()[1:]]
+    rows += [(name.replace("_", " ").capitalize(), f"{value:g}") for name, value in counts.items()
              if value is not None]  # fmt: skip
-    rows += [("Not given", sentence) for sentence in taken]
-    lengths = {row.name: row.value for row in known.rows}
-    return rows, {"file": source, "kind": kind, "camera": lengths, **asked, "taken": taken}
+    rows += [("Not given", sentence) for sentence in defaults]
+    lengths = {row.name: row.value for row in description.rows}
+    return rows, {"file": source, "kind": kind, "camera": lengths, **counts, "taken": defaults}
 
 
 def _point_images(source: Path) -> tuple[dict[str, Any], list[tuple[int, ...]]] | None:
-    """What the point images of a microscope were made with; None if it is something else."""
+    """Read the parameters and shapes of point images; return None for other files."""
     from clplen.microscopy.model import point_image_files
 
     return point_image_files.read_parameters(source) if source.suffix.lower() in _HDF5 else None
 
 
-def _of_point_images(
-    source: Path, known: dict[str, Any], shapes: list[tuple[int, ...]]
+def _point_image_info(
+    source: Path, parameters: dict[str, Any], shapes: list[tuple[int, ...]]
 ) -> tuple[Rows, dict[str, Any]]:
     from clplen.microscopy.model.cells import cell_in
 
     kind = "point images of a light-field microscope"
-    n, v = known["pixels_per_lenslet"], known["voxels_per_lenslet"]
-    cell = cell_in(known, v, n)
+    binning = parameters["binning"]
+    n, v = parameters["pixels_per_lenslet"], parameters["voxels_per_lenslet"]
+    cell = cell_in(parameters, v, n)
     (ny, nx), (vy, vx), (down, across) = cell.pixels, cell.voxels, cell.lenslets
-    what = "a lenslet" if down * across == 1 else f"a cell of {down} x {across} lenslets"
+    unit_cell = "a lenslet" if down * across == 1 else f"a cell of {down} x {across} lenslets"
     reaches = ", ".join(str(shape[2] // nx) for shape in shapes)
-    side = known["lenslet_pitch"] / (known["magnification"] * v)
-    size = sum(map(math.prod, shapes)) * np.dtype(known["store"]).itemsize
-    planes = ", ".join(f"{z * 1e6:g}" for z in known["planes"])
+    side = parameters["lenslet_pitch"] / (parameters["magnification"] * v)
+    size = sum(map(math.prod, shapes)) * np.dtype(parameters["store"]).itemsize
+    planes = ", ".join(f"{z * 1e6:g}" for z in parameters["planes"])
     of = (
-        "the cover glass it is made for"
-        if known["cover"] is None
-        else f"cover glass {known['cover']}"
+        "the cover glass of its design"
+        if parameters["cover"] is None
+        else f"cover glass {parameters['cover']}"
     )
     rows = [
         ("File", f"{source}, {kind}"),
-        ("Objective", f"{known['magnification']:g}x/{known['na']:g}, {of}"),
-        ("Medium", f"index {known['medium_index']:g}, {known['wavelength'] * 1e9:g} nm, "
-            f"apodisation {known['apodisation']:g}"),
-        ("Pupil", pupil_words(known.get("pupil"))),
-        ("Lenslets", f"pitch {known['lenslet_pitch'] * 1e6:g} um, focal length "
-            f"{known['lenslet_focal_length'] * 1e6:g} um, fill {known['lenslet_fill']}"),
-        ("Pixels", f"{ny} x {nx} {what}, of {known['binning']} x {known['binning']} parts"),
-        ("Voxels", f"{vy} x {vx} {what}, {side * 1e6:.4g} um apart"),
+        ("Objective", f"{parameters['magnification']:g}x/{parameters['na']:g}, {of}"),
+        ("Medium", f"index {parameters['medium_index']:g}, {parameters['wavelength'] * 1e9:g} nm, "
+            f"apodisation {parameters['apodisation']:g}"),
+        ("Pupil", pupil_words(parameters.get("pupil"))),
+        ("Lenslets", f"pitch {parameters['lenslet_pitch'] * 1e6:g} um, focal length "
+            f"{parameters['lenslet_focal_length'] * 1e6:g} um, fill {parameters['lenslet_fill']}"),
+        ("Pixels", f"{ny} x {nx} {unit_cell}, of {binning} x {binning} parts"),
+        ("Voxels", f"{vy} x {vx} {unit_cell}, {side * 1e6:.4g} um apart"),
         ("Planes", f"{len(shapes)}, z = {planes} um; farther from the objective positive"),
-        ("Images", f"of {reaches} {what.split()[1]}s across"),
-        ("Memory", f"{size:,} bytes, {known['store']}; {known['cut']:g} of the light cut"),
+        ("Images", f"of {reaches} {unit_cell.split()[1]}s across"),
+        ("Memory", f"{size:,} bytes, {parameters['store']}; {parameters['cut']:g} of light cut"),
     ]  # fmt: skip
-    return rows, {"file": source, "kind": kind, **known, "shapes": shapes}
+    return rows, {"file": source, "kind": kind, **parameters, "shapes": shapes}
 
 
-def _of_calibration(source: Path) -> tuple[Rows, dict[str, Any]]:
+def _calibration_info(source: Path) -> tuple[Rows, dict[str, Any]]:
     from clplen.io import read_raytrix
 
     calibration = read_raytrix(source)
@@ -326,7 +328,7 @@ def _of_calibration(source: Path) -> tuple[Rows, dict[str, Any]]:
 
 
 def _picture_beside(source: Path) -> tuple[Path, tuple[int, int]] | None:
-    """The raw image of a calibration and its shape, where it is there."""
+    """Return the path and shape of the raw image of a calibration; None if it is missing."""
     from clplen.errors import FormatError
     from clplen.io.raw.raw_files import picture_of, read_frame
 
@@ -338,13 +340,13 @@ def _picture_beside(source: Path) -> tuple[Path, tuple[int, int]] | None:
     return path, (int(ny), int(nx))
 
 
-def _of_raw(source: Path, selector: str | None) -> tuple[Rows, dict[str, Any]]:
+def _raw_info(source: Path, selector: str | None) -> tuple[Rows, dict[str, Any]]:
     from clplen.compute.device import Device
     from clplen.io import read_raw
 
     raw = read_raw(source, device=Device.open(selector))
     camera: Any = raw.camera
-    described = camera.describe()
+    description = camera.describe()
     kind = f"a raw image of a {_FOCUSED}" if camera.kind == "focused" else "a raw image"
     values = raw.to_numpy()
     low, high = float(np.min(values)), float(np.max(values))
@@ -353,18 +355,18 @@ def _of_raw(source: Path, selector: str | None) -> tuple[Rows, dict[str, Any]]:
         ("File", f"{source}, {kind}"),
         ("Size", f"{ny} x {nx} pixels of {1e6 * raw.pixel_pitch:g} um"),
         ("Samples", f"{values.dtype}, {low:g} to {high:g}"),
-        ("Camera", described.title),
+        ("Camera", description.title),
     ]
-    rows += [("", line) for line in str(described).splitlines()[1:]]
-    for number, one in enumerate(raw.lens_types):
-        near, far = one.depth_range
+    rows += [("", line) for line in str(description).splitlines()[1:]]
+    for number, lens_type in enumerate(raw.lens_types):
+        near, far = lens_type.depth_range
         rows.append((f"Lens type {number}", f"virtual depth 1/m from {near:.4g} to {far:.4g}"))
     data = {"file": source, "kind": kind, "shape": raw.shape, "low": low, "high": high}
-    lengths = {row.name: row.value for row in described.rows}
+    lengths = {row.name: row.value for row in description.rows}
     return rows, data | {"camera": lengths, "lens_types": raw.lens_types}
 
 
-def _of_lightfield(
+def _light_field_info(
     source: Path,
     selector: str | None,
     layout: dict[str, Any],
@@ -378,22 +380,22 @@ def _of_lightfield(
     )
 
     kind = kind_of(source).name
-    with capture_messages() as said:
+    with capture_messages() as messages:
         lf = read(source, selector, layout)
     report = check_light_field(lf, farthest=farthest)
-    took = said[-1].removeprefix("read ")
-    data: dict[str, Any] = {"file": source, "kind": kind, "read": took}
-    rows = [("File", f"{source}, {kind}"), ("Read", took)]
-    rows += [("Also", text) for text in said[:-1]]
-    rows += of_samples(report)
+    summary = messages[-1].removeprefix("read ")
+    data: dict[str, Any] = {"file": source, "kind": kind, "read": summary}
+    rows = [("File", f"{source}, {kind}"), ("Read", summary)]
+    rows += [("Note", text) for text in messages[:-1]]
+    rows += sample_rows(report)
     data |= asdict(report)
     lattice = _lattice(lf, source, layout)
     if save_grid is not None:
         if lattice is None:
-            raise click.UsageError("--save-grid is for raw images: there are no lenslets here.")
+            raise click.UsageError("--save-grid applies to raw images of lenslet cameras only.")
         lattice.save(save_grid)
     if lattice is not None:
-        rows += _of_lattice(lattice)
+        rows += _lattice_rows(lattice)
         data["lattice"] = asdict(lattice)
     parameters = _parameters(source)
     if parameters:
@@ -401,27 +403,27 @@ def _of_lightfield(
         data["parameters"] = parameters
     read_with = tuple(word for word in _AXIS_WORDS if layout[word])
 
-    def spelled(words: tuple[str, ...]) -> str:
-        return typed(combine_layout_words(read_with, words)) or "no word on the axes"
+    def flags(layout_words: tuple[str, ...]) -> str:
+        return as_options(combine_layout_words(read_with, layout_words)) or "no option"
 
-    data["sentence"] = report.sentence(spelled)
+    data["sentence"] = report.sentence(flags)
     for order, entry in zip(report.orders, data["orders"], strict=True):
-        entry["words"] = typed(combine_layout_words(read_with, order.keywords)).split()
-    return rows + of_orders(report, read_with, data["sentence"]), data
+        entry["words"] = as_options(combine_layout_words(read_with, order.keywords)).split()
+    return rows + order_rows(report, read_with, data["sentence"]), data
 
 
 def _lattice(lf: LightField, source: Path, layout: dict[str, Any]) -> Lattice | None:
-    """The lattice that a raw image was decoded by; views in another order forget it."""
+    """Return the lattice of a raw image; read it again if reordering the views dropped it."""
     from clplen.io import read_raw
 
     if lf.raw is not None:
         return lf.raw.lattice
-    where = {name: layout[name] for name in ("white", "dark", "grid") if layout[name] is not None}
+    files = {name: layout[name] for name in ("white", "dark", "grid") if layout[name] is not None}
     force = layout["force"]
-    return read_raw(source, device=lf.device, force=force, **where).lattice if where else None
+    return read_raw(source, device=lf.device, force=force, **files).lattice if files else None
 
 
-def _of_lattice(lattice: Lattice) -> Rows:
+def _lattice_rows(lattice: Lattice) -> Rows:
     along, across = lattice.pitch
     return [
         ("Lenslets", f"{lattice.kind}, pitch {along:.4f} px along rows, {across:.4f} px across"),
@@ -433,17 +435,17 @@ def _of_lattice(lattice: Lattice) -> Rows:
 
 
 def _parameters(source: Path) -> dict[str, Any]:
-    """What the parameters of an HCI scene say, if there are any."""
+    """Read the parameters of an HCI scene; empty if the folder has none."""
     from clplen.io import read_parameters
 
     if not (source.is_dir() and (source / "parameters.cfg").is_file()):
         return {}
-    known = asdict(read_parameters(source))
-    return {name: value for name, value in known.items() if value is not None}
+    values = asdict(read_parameters(source))
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def _plain(value: Any) -> Any:
-    """As JSON has it; NaN becomes null."""
+    """Convert a value for JSON; NaN and infinity become None."""
     if is_dataclass(value) and not isinstance(value, type):
         return _plain(asdict(value))
     if isinstance(value, dict):

@@ -11,13 +11,13 @@ import numpy as np
 from clplen.cli.shared import options
 from clplen.cli.shared.console import (
     check_planes,
+    disparities_of,
     note,
     note_end,
     note_nearly_black,
     planes_of,
     read,
-    sharpest_of,
-    tried_disparities,
+    sharpest_plane,
 )
 from clplen.cli.shared.pictures import (
     PICTURES,
@@ -37,33 +37,37 @@ if TYPE_CHECKING:
 
 Values = np.ndarray[Any, Any]
 
-_MOST = 16  # of --upsample
-_SURE = 1e-3  # of a confidence: below it there is nothing to tell depth by
+MAX_UPSAMPLE = 16  # largest factor of --upsample
+MIN_CONFIDENCE = 1e-3  # below it rounding errors decide which plane is the sharpest
 
 
 @click.command(cls=options.Command)
 @options.source
-@options.output("OUT.tif|OUT.png", "TIFF holds linear float32; PNG is scaled, to look at.")
+@options.output("OUT.tif|OUT.png", "Output: TIFF of linear float32, or PNG scaled for viewing.")
 @click.option(
-    "--disparity", type=options.FINITE, help="Plane in focus, pixels a view step, nearer larger."
+    "--disparity",
+    type=options.FINITE,
+    help="Disparity of the plane in focus, in pixels per view step; larger is nearer.",
 )
-@click.option("--alpha", type=options.FINITE, help="Plane in focus, alpha = F/F'.")
-@click.option(
-    "--at", type=Point(), help="Focus on this pixel, whose depth is estimated by sharpness."
-)
+@click.option("--alpha", type=options.FINITE, help="Plane in focus as alpha = F/F'.")
+@click.option("--at", type=Point(), help="Pixel to focus on; its depth is estimated by sharpness.")
 @click.option(
     "--tilt",
     type=Point(depth=True),
     multiple=True,
-    help="Given three times, focus on the plane through three pixels, of disparity D or as "
-    "estimated by sharpness.",
+    help="Pixel of a tilted plane in focus, given three times; its disparity is D, or estimated by "
+    "sharpness.",
 )
 @click.option(
-    "--all-in-focus", is_flag=True, help="Focus every pixel on the plane where it is sharp."
+    "--all-in-focus", is_flag=True, help="Focus every pixel on the plane where it is sharpest."
 )
 @depth_map
 @click.option(
-    "--upsample", type=int, default=1, help="Number of pixels along each axis for one of the views."
+    "--upsample",
+    type=int,
+    default=1,
+    help=f"Number of output pixels per pixel of a view along each axis, 1 to {MAX_UPSAMPLE}. "
+    "Default: 1.",
 )
 @options.interpolation
 @options.aperture
@@ -90,10 +94,9 @@ def refocus(
     selector: str | None,
     **layout: Any,
 ) -> None:
-    """Focus a light field on a plane, a pixel, a tilted plane, or everything.
+    """Focus a light field on a plane, a pixel or everything.
 
-    The planes of --disparities or --alphas are those among which --at, --tilt and --all-in-focus
-    look for what is sharp.
+    --at, --tilt and --all-in-focus search the planes of --disparities or --alphas for the sharpest.
 
     \b
     Example:
@@ -104,39 +107,41 @@ def refocus(
     """
     check_planes(disparities, alphas)
     _check_target(disparity, alpha, at, tilt, all_in_focus, depth_file)
-    shown = Tone(limits, curve)
-    shown.check(output)
+    scaling = Tone(limits, curve)
+    scaling.check(output)
     _check_words(bool(at or tilt or all_in_focus), disparities, alphas, upsample, all_in_focus)
     _check_tilt(tilt)
     if aperture is not None and (tilt or upsample != 1):
-        raise click.UsageError("--aperture goes neither with --tilt nor with --upsample.")
+        raise click.UsageError("--aperture cannot be combined with --tilt or --upsample.")
     check_output(source, output, layout, PICTURES)
     lf = read(source, selector, layout)
     note_nearly_black(lf, aperture)
     if depth_file is not None:
         if upsample != 1 or interpolation == "fourier":
-            raise click.UsageError("--depth-map goes neither with --upsample nor with fourier.")
+            raise click.UsageError(
+                "--depth-map cannot be combined with --upsample or --interpolation fourier."
+            )
         picture = lf.flatten(
             disparity=read_map(depth_file, lf), aperture=aperture, interpolation=interpolation
         ).to_numpy()
-        where = f"the surface in {depth_file}"
+        target = f"the surface in {depth_file}"
     elif all_in_focus:
-        picture, where = _sharp(lf, planes_of(lf, disparities, alphas), aperture)
+        picture, target = _sharp(lf, planes_of(lf, disparities, alphas), aperture)
     else:
         if alpha is None:
-            d, where = _surface(lf, disparity, at, tilt, disparities, alphas)
+            d, target = _surface(lf, disparity, at, tilt, disparities, alphas)
             plane = {"disparity": d}
         elif np.isfinite(lf.alpha(0.0)):
-            plane, where = {"alpha": alpha}, f"alpha = {alpha:g}"
+            plane, target = {"alpha": alpha}, f"alpha = {alpha:g}"
         else:
             raise ValueError(
-                "--alpha = F/F' needs F (a microscope has none) and the spacing of views and "
-                "pixels in metres, which this light field does not have: use --disparity."
+                "--alpha = F/F' needs the image distance F and the spacing of views and pixels in "
+                "metres, which this light field does not store: use --disparity."
             )
         picture = _focused(lf, plane, aperture, upsample, interpolation)
     linear = layout["srgb"] or lf.linear
-    said = write(output, picture, lf, srgb=linear, upsample=upsample, tone=shown)
-    click.echo(f"{output}: focused on {where}, {said}.")
+    description = write(output, picture, lf, srgb=linear, upsample=upsample, tone=scaling)
+    click.echo(f"{output}: focused on {target}, {description}.")
 
 
 def _check_target(*targets: Any) -> None:
@@ -152,18 +157,22 @@ def _check_words(
 ) -> None:
     if not seeks and (disparities is not None or alphas is not None):
         raise click.UsageError(
-            "--disparities and --alphas are the planes that --at, --tilt and --all-in-focus look "
-            "through; for one plane use --disparity or --alpha."
+            "--disparities and --alphas need --at, --tilt or --all-in-focus, which search these "
+            "planes; for a single plane use --disparity or --alpha."
         )
-    if not 1 <= upsample <= _MOST:
-        raise click.UsageError(f"--upsample is a whole number from 1 to {_MOST}, not {upsample}.")
+    if not 1 <= upsample <= MAX_UPSAMPLE:
+        raise click.UsageError(
+            f"--upsample must be a whole number from 1 to {MAX_UPSAMPLE}, got {upsample}."
+        )
     if all_in_focus and upsample != 1:
-        raise click.UsageError("--upsample goes with one plane, not with --all-in-focus.")
+        raise click.UsageError("--upsample cannot be combined with --all-in-focus.")
 
 
 def _check_tilt(tilt: Any) -> None:
     if tilt and len(tilt) != 3:
-        raise click.UsageError(f"--tilt is given three times, for three pixels, not {len(tilt)}.")
+        raise click.UsageError(
+            f"--tilt must be given three times, for three pixels, got {len(tilt)}."
+        )
 
 
 def _focused(
@@ -175,8 +184,8 @@ def _focused(
     if aperture is None:
         picture = refocus(lf, **plane, upsample=upsample, interpolation=interpolation)
         return picture.to_numpy()
-    many = {"alpha": "alphas", "disparity": "disparities"}
-    planes: dict[str, Any] = {many[name]: [value] for name, value in plane.items()}
+    plurals = {"alpha": "alphas", "disparity": "disparities"}
+    planes: dict[str, Any] = {plurals[name]: [value] for name, value in plane.items()}
     return focal_stack(lf, **planes, aperture=aperture, interpolation=interpolation).to_numpy()[0]
 
 
@@ -186,9 +195,9 @@ def _sharp(lf: LightField, planes: dict[str, Any], aperture: Any) -> tuple[Value
 
     stack = focal_stack(lf, aperture=aperture, **planes)
     count = options.planes(len(stack.disparities))
-    best = sharpest_of(stack, lf)
+    best = sharpest_plane(stack, lf)
     if isinstance(best, str):
-        return all_in_focus(stack).to_numpy(), f"of {count}, none the sharpest: {best}"
+        return all_in_focus(stack).to_numpy(), f"{count}, none of them the sharpest: {best}"
     note_end(stack.disparities, stack.disparities[best])
     return all_in_focus(stack).to_numpy(), f"the sharpest of {count}"
 
@@ -196,7 +205,7 @@ def _sharp(lf: LightField, planes: dict[str, Any], aperture: Any) -> tuple[Value
 def _surface(
     lf: LightField, disparity: Any, at: Any, tilt: Any, disparities: Any, alphas: Any
 ) -> tuple[Any, str]:
-    """(disparity or map, what it is in words)."""
+    """Return the disparity or disparity map in focus, and its description."""
     from clplen.lightfield.focus_and_depth import depth_map
     from clplen.lightfield.model.rendering import plane_through
 
@@ -204,29 +213,29 @@ def _surface(
         return disparity, f"d = {disparity:g}"
     points = [at] if at else list(tilt)
     pixels = [pixel_of(lf, point) for point in points]
-    found, tried = None, np.array([])
+    depth, tried_disparities = None, np.array([])
     if any(len(point) == 2 for point in points):
         planes = planes_of(lf, disparities, alphas)
-        found, tried = depth_map(lf, **planes), tried_disparities(lf, planes)
+        depth, tried_disparities = depth_map(lf, **planes), disparities_of(lf, planes)
     depths = [
-        point[2] if len(point) == 3 else _depth_at(found, pixel, tried)
+        point[2] if len(point) == 3 else _depth_at(depth, pixel, tried_disparities)
         for point, pixel in zip(points, pixels, strict=True)
     ]
     if at:
         return depths[0], f"d = {depths[0]:.4f} (at {pixels[0][0]},{pixels[0][1]})"
     plane = plane_through(np.column_stack((np.array(pixels), depths)), lf.shape[2:])
-    words = ", ".join(f"{d:.4f}" for d in depths)
-    return plane, f"the plane of d = {words} at the three pixels"
+    values = ", ".join(f"{d:.4f}" for d in depths)
+    return plane, f"the plane of d = {values} at the three pixels"
 
 
-def _depth_at(found: DepthMap | None, pixel: tuple[int, int], tried: Values) -> float:
-    if found is None:
-        raise ValueError("No depth was looked for.")
-    d = float(found.disparity[pixel])
-    at_end = note_end(tried, d, f"at {pixel[0]},{pixel[1]} the sharpest plane is")
-    if not at_end and not found.confidence[pixel] > _SURE:
+def _depth_at(depth: DepthMap | None, pixel: tuple[int, int], disparities: Values) -> float:
+    if depth is None:
+        raise ValueError("No depth map was computed.")
+    d = float(depth.disparity[pixel])
+    at_end = note_end(disparities, d, f"at {pixel[0]},{pixel[1]} the sharpest plane is")
+    if not at_end and not depth.confidence[pixel] > MIN_CONFIDENCE:
         note(
-            f"At {pixel[0]},{pixel[1]} there is hardly any texture to tell depth by, or it lies "
-            "beyond the planes: the picture may be out of focus there."
+            f"at {pixel[0]},{pixel[1]} the scene has too little texture to estimate depth, or lies "
+            "beyond the planes: this pixel may be out of focus."
         )
     return d

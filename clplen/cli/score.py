@@ -12,7 +12,7 @@ import click
 
 from clplen.cli.shared import options
 
-# Masks of the HCI 4D benchmark beside a true disparity, and what they are here.
+# Masks of the HCI 4D benchmark, by the name of the score.
 _MASKS = {"planes": "planes", "smooth": "smooth_surfaces", "near": "fine",
           "far": "fine_surrounding", "edges": "discontinuities"}  # fmt: skip
 _LOW = "lowres"
@@ -21,13 +21,13 @@ _LOW = "lowres"
 @click.command()
 @click.argument("result", metavar="RESULT", type=click.Path(path_type=Path))
 @click.argument("truth", metavar="TRUTH", type=click.Path(path_type=Path))
-@options.file("--mask", help="A picture of the truth's size: judge only where it is not black.")
+@options.file("--mask", help="Picture of the size of TRUTH; black pixels are ignored.")
 @click.option(
     "--border",
     type=click.IntRange(min=0),
     default=15,
     show_default=True,
-    help="Pixels of the truth that are left out on each side.",
+    help="Width of the border of TRUTH that is ignored, in pixels.",
 )
 @click.option(
     "--offset",
@@ -35,9 +35,9 @@ _LOW = "lowres"
     type=click.IntRange(min=0),
     default=None,
     metavar="Y X",
-    help="Place in TRUTH of the first pixel of a cropped RESULT.",
+    help="Position in TRUTH of the first pixel of a cropped RESULT.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Write JSON; what is not known is null.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON; unknown values are null.")
 def score(
     result: Path,
     truth: Path,
@@ -46,11 +46,12 @@ def score(
     offset: tuple[int, int] | None,
     as_json: bool,
 ) -> None:
-    """Judge a disparity map against the true one, as the HCI benchmark does.
+    """Score a disparity map against the true one.
 
-    Both are PFM, TIFF of floats or .npy: 8-bit pictures do not say what their levels mean. Masks
-    (mask_planes_lowres.png, ...) and parameters.cfg of the benchmark are used where they lie beside
-    TRUTH.
+    The scores are those of the HCI benchmark. Both maps are PFM, TIFF of floats or .npy. 8-bit
+    pictures are rejected, since the scale of their levels is unknown. The masks
+    (mask_planes_lowres.png, ...) and parameters.cfg of the benchmark are used if they lie in the
+    folder of TRUTH.
 
     \b
     Example:
@@ -60,19 +61,19 @@ def score(
     from clplen.errors import FormatError
     from clplen.io import read_disparity
 
-    found, known = read_disparity(result), read_disparity(truth)
-    if offset is None and found.shape != known.shape:
-        sizes = [f"{ny} x {nx}" for ny, nx in (found.shape, known.shape)]
+    estimate, reference = read_disparity(result), read_disparity(truth)
+    if offset is None and estimate.shape != reference.shape:
+        sizes = [f"{ny} x {nx}" for ny, nx in (estimate.shape, reference.shape)]
         raise FormatError(
-            f"{result} has {sizes[0]} pixels (y, x), {truth} {sizes[1]}: say by --offset where the "
-            "first pixel of a cropped map lies; do not resize it."
+            f"{result} has {sizes[0]} pixels (y, x), {truth} {sizes[1]}: give --offset Y X, the "
+            "position of the first pixel of a cropped map; do not resize it."
         )
-    masks, parameters = _beside(truth, known.shape)
+    masks, parameters = _benchmark_files(truth, reference.shape)
     scores = judge(
-        found,
-        known,
+        estimate,
+        reference,
         masks=masks,
-        where=None if mask is None else _picture(mask, known.shape),
+        where=None if mask is None else _mask(mask, reference.shape),
         border=border,
         offset=offset,
         parameters=parameters,
@@ -85,14 +86,14 @@ def score(
 
 
 def _plain(value: float) -> float | str | None:
-    """What JSON has for a number; null for nan."""
+    """Convert a number for JSON; NaN becomes null."""
     if math.isfinite(value):
         return value
     return None if math.isnan(value) else "infinite"
 
 
-def _picture(path: Path, shape: tuple[int, ...]) -> Any:
-    """Where a picture is not black."""
+def _mask(path: Path, shape: tuple[int, ...]) -> Any:
+    """Return a mask of the pixels of a picture that are not black."""
     from clplen.errors import FormatError
     from clplen.io.formats.picture import read_picture
 
@@ -106,13 +107,13 @@ def _picture(path: Path, shape: tuple[int, ...]) -> Any:
     return lit
 
 
-def _beside(truth: Path, shape: tuple[int, ...]) -> tuple[dict[str, Any], Any]:
-    """Masks and parameters of the benchmark in the folder of its truth."""
+def _benchmark_files(truth: Path, shape: tuple[int, ...]) -> tuple[dict[str, Any], Any]:
+    """Read the masks and parameters of the benchmark in the folder of the true map."""
     from clplen.io import read_parameters
 
     if _LOW not in truth.name:
         return {}, None
     files = {name: truth.parent / f"mask_{word}_{_LOW}.png" for name, word in _MASKS.items()}
-    masks = {name: _picture(file, shape) for name, file in files.items() if file.is_file()}
-    there = (truth.parent / "parameters.cfg").is_file()
-    return masks, read_parameters(truth.parent) if there else None
+    masks = {name: _mask(file, shape) for name, file in files.items() if file.is_file()}
+    has_parameters = (truth.parent / "parameters.cfg").is_file()
+    return masks, read_parameters(truth.parent) if has_parameters else None

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 _FILES = ("raw.tif", "raw.png", "lightfield.h5", "raw.h5")
 
 
-def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
-    if wanted:
+def _print_example(ctx: click.Context, _: click.Parameter, is_set: bool) -> None:
+    if is_set:
         from clplen.config.example import EXAMPLE
 
         click.echo(EXAMPLE, nl=False)
@@ -37,8 +37,8 @@ def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None
     "--output",
     required=True,
     metavar="FOLDER",
-    help="Folder for raw.tif, raw.png and lightfield.h5, or of a focused camera raw.h5; made if it "
-    "is not there.",
+    help="Output folder for raw.tif, raw.png and lightfield.h5 (raw.h5 for a focused camera); "
+    "created if missing.",
 )
 @click.option(
     "--example",
@@ -46,22 +46,23 @@ def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None
     is_eager=True,
     expose_value=False,
     callback=_print_example,
-    help="Print a commented camera file and stop.",
+    help="Print a commented camera file and exit.",
 )
 @options.file(
     "--checkpoint",
-    help="File of the mean of snapshots of partially coherent light, written every 20 s, "
-    "from which another run continues.",
+    help="File that stores the mean of partially coherent snapshots every 20 s; another run "
+    "continues from it.",
 )
 @options.force_output
 @options.device
 def simulate(
     camera: Path, output: str, checkpoint: Path | None, force: bool, selector: str | None
 ) -> None:
-    """Simulate a camera and a scene of points and pictures: a raw image and its light field.
+    """Simulate the raw image of a camera and scene.
 
-    A focused camera (plenoptic 2.0) has no light field of directions: raw.h5 holds its raw image
-    with the camera, for 'clplen render', 'stack' and 'depth'.
+    The TOML file CAMERA describes camera, scene and sensor. For a focused camera (plenoptic 2.0),
+    raw.h5 with the raw image and the camera takes the place of the light field: pass it to 'clplen
+    render', 'stack' or 'depth'.
 
     \b
     Example:
@@ -73,26 +74,26 @@ def simulate(
     from clplen.files import check_writable, output_folder
     from clplen.outputs import check_outputs
 
-    wanted = read_camera_file(camera)
-    if checkpoint is not None and not (wanted.coherence and wanted.coherence.is_random):
+    camera_file = read_camera_file(camera)
+    if checkpoint is not None and not (camera_file.coherence and camera_file.coherence.is_random):
         raise click.UsageError(
-            f"--checkpoint keeps the mean of snapshots, and {camera} asks for none: leave it out, "
-            "or set spatial in [coherence]."
+            f"--checkpoint needs partially coherent light, but {camera} does not set it: leave it "
+            "out, or set spatial in [coherence]."
         )
     note_link(output)
     check_outputs(output, _FILES, force=force)
-    words = wanted.exposure()
+    settings = camera_file.exposure()
     device = open_device(selector)
-    built = wanted.camera.build(device)
+    built = camera_file.camera.build(device)
     with output_folder(output) as folder:
         if checkpoint is not None:
             check_writable(checkpoint)
         click.echo(built.describe())
         with progress_bar(0, "step") as bar:
             raw = built.expose(
-                **words,
+                **settings,
                 progress=lambda done, total: update_bar(bar, done, total),
-                checkpoint=checkpoint and (checkpoint, wanted.label),
+                checkpoint=checkpoint and (checkpoint, camera_file.label),
             )
         _write_frame(folder / "raw.tif", raw)
         plot.save(plot.raw_image(raw), folder / "raw.png")
@@ -101,7 +102,7 @@ def simulate(
 
 
 def _write_frame(path: Path, raw: RawImage) -> None:
-    """The numbers of a sensor with filters as a camera stores them; other values as a picture."""
+    """Write the raw counts of a colour-filter sensor, or other values as a picture."""
     from clplen.io import write_picture, write_raw
 
     if raw.mosaic is not None and raw.levels is not None and raw.levels.bit_depth <= 16:
@@ -111,7 +112,7 @@ def _write_frame(path: Path, raw: RawImage) -> None:
 
 
 def _write_samples(folder: Path, raw: RawImage) -> str:
-    """The light field of a 1.0 camera, or the raw image of a focused one with its camera."""
+    """Write the light field, or raw.h5 for a focused camera; return its description."""
     from clplen.io import write_lightfield, write_raw
     from clplen.lightfield.model.light_field import LightField
 

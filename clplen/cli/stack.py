@@ -15,32 +15,32 @@ from clplen.cli.shared.console import (
     check_planes,
     check_suffix,
     note_end,
+    open_stored,
     planes_of,
     read,
-    sharpest_of,
-    stored,
+    sharpest_plane,
     tile_progress,
 )
 from clplen.cli.shared.focused import (
-    check_kept,
+    check_raw_picture,
     fraction,
-    is_meant,
-    refuse,
-    stack_words,
+    is_focused_raw,
+    refuse_options,
+    stack_options,
     suitable_ms,
 )
 from clplen.cli.shared.focused import read as open_raw
 
-_MS = 11  # planes of a focused raw image where none are said
+DEFAULT_PLANES = 11  # number of planes of a focused raw image without --m
 
 
 @click.command(cls=options.Command)
 @options.source
-@options.output("OUT.tif|OUT.zarr")
+@options.output("OUT.tif|OUT.zarr", "Output: OME-TIFF or OME-Zarr.")
 @options.plane_range
 @options.aperture
 @options.interpolation
-@stack_words
+@stack_options
 @options.memory
 @options.layout
 @options.device
@@ -59,11 +59,12 @@ def stack(
     selector: str | None,
     **layout: Any,
 ) -> None:
-    """Refocus a light field on many planes, into one OME-TIFF (or OME-Zarr) of linear float32.
+    """Refocus a light field on a series of planes.
 
-    INPUT is a light field of any kind: a folder or a zip of views, a mosaic, a raw lenslet image
-    or a Lytro container with its --white, HDF5, Zarr, MATLAB or NumPy. START:STOP:N is N planes,
-    both ends included; without it the planes suit what the light field knows.
+    The stack is linear float32. INPUT is a folder or zip of views, a mosaic of views, an HDF5,
+    Zarr, MATLAB or NumPy file, or a raw lenslet image or Lytro container with its --white.
+    START:STOP:N means N planes, both ends included. By default the planes cover the depth range of
+    the light field.
 
     \b
     Example:
@@ -77,36 +78,36 @@ def stack(
     check_planes(disparities, alphas)
     check_suffix(output, (".tif", ".tiff", ".zarr"))
     check_outputs(source, layout, output)
-    if is_meant(source, {"m": ms, "view": view, "focused": focused, "image": image}):
-        refuse(disparities=disparities, alphas=alphas, memory=memory)
-        refuse(interpolation=None if interpolation == "linear" else interpolation)
-        check_kept(source, image, output)
-        _of_focused(source, output, ms, view, aperture, image, selector, layout)
+    if is_focused_raw(source, {"m": ms, "view": view, "focused": focused, "image": image}):
+        refuse_options(disparities=disparities, alphas=alphas, memory=memory)
+        refuse_options(interpolation=None if interpolation == "linear" else interpolation)
+        check_raw_picture(source, image, output)
+        _stack_focused(source, output, ms, view, aperture, image, selector, layout)
         return
     if memory is not None:
-        how = {"aperture": aperture, "interpolation": interpolation}
-        _stream(source, output, (disparities, alphas), how, memory, selector, layout)
+        settings = {"aperture": aperture, "interpolation": interpolation}
+        _stream(source, output, (disparities, alphas), settings, memory, selector, layout)
         return
     lf = read(source, selector, layout)
     planes = planes_of(lf, disparities, alphas)
-    made = focal_stack(lf, aperture=aperture, interpolation=interpolation, **planes)
-    best = sharpest_of(made, lf)
+    images = focal_stack(lf, aperture=aperture, interpolation=interpolation, **planes)
+    best = sharpest_plane(images, lf)
     if not isinstance(best, str):
-        note_end(made.disparities, made.disparities[best])
-    write_stack(output, made, progress=sys.stderr.isatty(), replace=True)
+        note_end(images.disparities, images.disparities[best])
+    write_stack(output, images, progress=sys.stderr.isatty(), replace=True)
     if isinstance(best, str):
-        count = options.planes(len(made.disparities))
-        click.echo(f"{output} holds {count}; none is the sharpest: {best}.")
+        count = options.planes(len(images.disparities))
+        click.echo(f"{output} holds {count}; no plane is the sharpest: {best}.")
         return
-    alpha = made.alphas[best]
+    alpha = images.alphas[best]
     also = f", alpha = {alpha:.4f}" if np.isfinite(alpha) else ""
     click.echo(
-        f"{output} holds {options.planes(len(made.disparities))}; the sharpest is number {best} "
-        f"(from 0), d = {made.disparities[best]:.4f}{also}."
+        f"{output} holds {options.planes(len(images.disparities))}; the sharpest is number {best} "
+        f"(from 0), d = {images.disparities[best]:.4f}{also}."
     )
 
 
-def _of_focused(
+def _stack_focused(
     source: Path,
     output: Path,
     ms: Any,
@@ -116,48 +117,48 @@ def _of_focused(
     selector: str | None,
     layout: dict[str, Any],
 ) -> None:
-    """Blended pictures of a focused raw image; which is sharpest says nothing of depth."""
+    """Write blended pictures of a focused raw image, without naming a sharpest plane."""
     from clplen.io import write_focused
     from clplen.lightfield.focused.focused_rendering import focused_stack
 
     share = fraction(aperture)
-    opened = open_raw(source, selector, layout, image)
-    planes = suitable_ms(opened, _MS) if ms is None else ms
-    made = focused_stack(
-        opened.raw,
+    raw_input = open_raw(source, selector, layout, image)
+    planes = suitable_ms(raw_input, DEFAULT_PLANES) if ms is None else ms
+    images = focused_stack(
+        raw_input.raw,
         ms=planes,
         step=layout["step"],
         view=view or (0.0, 0.0),
         aperture=share,
-        white=opened.white,
+        white=raw_input.white,
     )
-    write_focused(output, made, replace=True)
-    where = f"m = {planes[0]:.4g}" + (f" to {planes[-1]:.4g}" if len(planes) > 1 else "")
-    click.echo(f"{output} holds {options.planes(len(planes))}, {where}.")
+    write_focused(output, images, replace=True)
+    planes_text = f"m = {planes[0]:.4g}" + (f" to {planes[-1]:.4g}" if len(planes) > 1 else "")
+    click.echo(f"{output} holds {options.planes(len(planes))}, {planes_text}.")
 
 
 def _stream(
     source: Path,
     output: Path,
-    ends: tuple[Any, Any],
-    how: dict[str, Any],
+    planes: tuple[Any, Any],
+    settings: dict[str, Any],
     memory: int,
     selector: str | None,
     layout: dict[str, Any],
 ) -> None:
-    """The same tile by tile; nothing is said of the sharpest plane."""
+    """Write the stack tile by tile, without naming the sharpest plane."""
     from clplen.io import write_stack
     from clplen.lightfield.stacks import stack_tiles
 
-    with stored(source, selector, layout) as (lf, device), tile_progress() as progress:
-        made = stack_tiles(
+    with open_stored(source, selector, layout) as (lf, device), tile_progress() as progress:
+        images = stack_tiles(
             lf,
             memory=memory,
             device=device,
             progress=progress,
-            **how,
-            **planes_of(lf, *ends),
+            **settings,
+            **planes_of(lf, *planes),
         )
-        click.echo(made.plan, err=True)
-        write_stack(output, made, replace=True)
-    click.echo(f"{output} holds {options.planes(len(made.disparities))}.")
+        click.echo(images.plan, err=True)
+        write_stack(output, images, replace=True)
+    click.echo(f"{output} holds {options.planes(len(images.disparities))}.")

@@ -9,16 +9,16 @@ import click
 
 from clplen.cli.shared import options
 from clplen.cli.shared.console import check_output, check_suffix, note
+from clplen.cli.shared.focused import is_self_describing, suitable_ms
 from clplen.cli.shared.focused import read as open_raw
-from clplen.cli.shared.focused import suitable_ms, tells
 from clplen.errors import ShapeError
 
 if TYPE_CHECKING:
     from clplen.io.page.samples import Content
     from clplen.viewer.file_items import PageBuilder
 
-_MS = 15  # planes of a focused raw image
-_LARGE = 60e6  # bytes of a page that some mail servers and browsers refuse
+FOCUSED_PLANES = 15  # number of planes of a focused raw image in a page
+MAX_PAGE_BYTES = 60e6  # larger pages are refused by some mail servers and browsers
 
 
 @click.command(cls=options.Command)
@@ -28,26 +28,26 @@ _LARGE = 60e6  # bytes of a page that some mail servers and browsers refuse
 @options.file(
     "-o",
     "--output",
-    help="Write one file that holds everything, instead of opening a browser.",
+    help="Output file: write a self-contained page instead of opening a browser.",
     metavar="OUT.html",
 )
-@click.option("--title", help="Title of the page; default: the names of the inputs.")
+@click.option("--title", help="Title of the page. Default: the names of the inputs.")
 @click.option(
     "--depth/--no-depth",
     default=True,
     show_default=True,
-    help="Find the depth of light fields: then clicks focus by it and all can be in focus.",
+    help="Compute depth maps of light fields, for click-to-focus and all-in-focus pictures.",
 )
 @options.file(
-    "--depth-map", "depth_file", help="Depth map of 'clplen depth', in place of the computed one."
+    "--depth-map", "depth_file", help="Depth map from 'clplen depth', used instead of computing it."
 )
-@click.option("--compare", is_flag=True, help="Show the inputs side by side, with one cursor.")
-@options.file("--truth", help="True disparity, against which --compare scores disparity maps.")
-@click.option("--time", is_flag=True, help="Show the inputs as the times of one series.")
+@click.option("--compare", is_flag=True, help="Show the inputs side by side with a common cursor.")
+@options.file("--truth", help="True disparity map; --compare scores the other maps against it.")
+@click.option("--time", is_flag=True, help="Show the inputs as a time series.")
 @options.file(
     "--tracks",
     "tracks_file",
-    help="Table of 'clplen microscope track', drawn over the volumes.",
+    help="Table from 'clplen microscope track' to draw over the volumes.",
     metavar="TRACKS.csv",
 )
 @click.option(
@@ -56,29 +56,29 @@ _LARGE = 60e6  # bytes of a page that some mail servers and browsers refuse
     nargs=2,
     metavar="V U",
     default=None,
-    help="Largest number of views to keep, those in the middle.",
+    help="Maximum number of views; the central views are kept.",
 )
 @click.option(
     "--downscale",
     type=click.IntRange(min=1),
     default=1,
     metavar="N",
-    help="Number of pixels along each axis that are averaged to one.",
+    help="Downscaling factor: blocks of N x N pixels are averaged.",
 )
 @click.option(
     "--quality",
     type=click.IntRange(min=1, max=100),
-    help="Keep views as JPEG of this quality; default: without loss.",
+    help="JPEG quality of the views, 1 to 100. Default: lossless.",
 )
 @options.memory
 @click.option(
     "--port",
     type=click.IntRange(0, 65535),
     default=0,
-    help="Port of the server; default: any free one.",
+    help="Port of the server. Default: any free port.",
 )
-@click.option("--keep", is_flag=True, help="Serve until Ctrl-C, also after the page was closed.")
-@click.option("--no-browser", is_flag=True, help="Print the address, and open no browser.")
+@click.option("--keep", is_flag=True, help="Keep the server running after the page is closed.")
+@click.option("--no-browser", is_flag=True, help="Print the address without opening a browser.")
 @options.layout
 @options.device
 def view(
@@ -101,11 +101,11 @@ def view(
     selector: str | None,
     **layout: Any,
 ) -> None:
-    """Look at light fields, raw images, focal stacks, volumes and depth maps in a browser.
+    """Show light fields, stacks, volumes and maps in a browser.
 
-    Without -o the page is served on this computer alone, until it is closed; then depth and exact
-    pictures can be asked of the device. Of several inputs each has a tab; --compare shows them side
-    by side, --time one after the other.
+    Without -o the page is served to this computer only, until it is closed; depth and exact
+    pictures are then computed on demand by the device. Each input has a tab; --compare shows the
+    inputs side by side, --time as a time series.
 
     \b
     Example:
@@ -119,7 +119,7 @@ def view(
     from clplen.viewer.file_items import PageBuilder
 
     if memory is not None and depth_file is not None:
-        raise click.UsageError("--depth-map goes without --memory.")
+        raise click.UsageError("--depth-map cannot be combined with --memory.")
     _check_words(len(sources), compare, time, truth)
     if output is not None:
         _check_served(port=port, keep=keep, no_browser=no_browser)
@@ -128,22 +128,22 @@ def view(
     content = Content()
 
     def focused(source: Path) -> Any:
-        if not tells(source):
+        if not is_self_describing(source):
             return None
-        opened = open_raw(source, selector, layout, None)
-        return opened, suitable_ms(opened, _MS)
+        raw_input = open_raw(source, selector, layout, None)
+        return raw_input, suitable_ms(raw_input, FOCUSED_PLANES)
 
-    shown = PageBuilder(
+    builder = PageBuilder(
         content, PageOptions(quality, downscale, most_views), layout, selector, depth, focused,
         note, depth_file, memory,
     )  # fmt: skip
-    with shown.held:
-        served = (port, keep, no_browser)
-        _show(shown, sources, output, title, compare, truth, time, tracks_file, served)
+    with builder.open_files:
+        server_options = (port, keep, no_browser)
+        _show(builder, sources, output, title, compare, truth, time, tracks_file, server_options)
 
 
 def _show(
-    shown: PageBuilder,
+    builder: PageBuilder,
     sources: tuple[Path, ...],
     output: Path | None,
     title: str | None,
@@ -151,24 +151,24 @@ def _show(
     truth: Path | None,
     time: bool,
     tracks_file: Path | None,
-    served: tuple[int, bool, bool],
+    server_options: tuple[int, bool, bool],
 ) -> None:
     """Write the page of the inputs, or serve it."""
-    content = shown.content
-    found = [item for source in sources for item in shown.items(source)]
+    content = builder.content
+    items = [item for source in sources for item in builder.items(source)]
     name = title or ", ".join(source.stem for source in sources)
     if time:
-        found = [_series_of_times(found, name)]
-    content.about = {"title": name, "items": found}
+        items = [_series_of_times(items, name)]
+    content.about = {"title": name, "items": items}
     if tracks_file is not None:
-        _add_tracks(content, tracks_file, shown.options.downscale)
+        _add_tracks(content, tracks_file, builder.options.downscale)
     if compare:
         content.about |= {"compare": True, "scores": _scores(sources, truth)}
     if output is not None:
         _write(output, content)
     else:
-        port, keep, no_browser = served
-        _serve(content, shown, port=port, keep=keep, opens=not no_browser)
+        port, keep, no_browser = server_options
+        _serve(content, builder, port=port, keep=keep, opens=not no_browser)
 
 
 def _series_of_times(items: list[dict[str, Any]], name: str) -> dict[str, Any]:
@@ -181,7 +181,7 @@ def _series_of_times(items: list[dict[str, Any]], name: str) -> dict[str, Any]:
 
 
 def _add_tracks(content: Content, path: Path, downscale: int) -> None:
-    """Draw tracks over all volumes."""
+    """Add tracks to all volumes of the page."""
     from clplen.io.page.track_item import add_tracks
     from clplen.microscopy import Tracks
 
@@ -194,20 +194,20 @@ def _add_tracks(content: Content, path: Path, downscale: int) -> None:
 
 def _check_words(count: int, compare: bool, time: bool, truth: Path | None) -> None:
     if compare and time:
-        raise click.UsageError("Give --compare or --time, not both.")
+        raise click.UsageError("--compare and --time cannot be combined: give one of them.")
     if (compare or time) and count < 2:
         raise click.UsageError(
-            f"--{'compare' if compare else 'time'} takes at least two inputs, not {count}."
+            f"--{'compare' if compare else 'time'} needs at least two inputs, got {count}."
         )
     if truth is not None and not compare:
-        raise click.UsageError("--truth goes with --compare, whose maps it judges.")
+        raise click.UsageError("--truth needs --compare.")
 
 
-def _check_served(**words: Any) -> None:
-    given = [name for name, value in words.items() if value]
-    if given:
-        option = given[0].replace("_", "-")
-        raise click.UsageError(f"--{option} goes with a page that is served, not with -o.")
+def _check_served(**arguments: Any) -> None:
+    names = [name for name, value in arguments.items() if value]
+    if names:
+        option = names[0].replace("_", "-")
+        raise click.UsageError(f"--{option} applies to a served page, not to a file (-o).")
 
 
 def _write(output: Path, content: Content) -> None:
@@ -217,15 +217,17 @@ def _write(output: Path, content: Content) -> None:
     items = content.about["items"]
     views = sum(item["shape"][0] * item["shape"][1] for item in items if "weights" in item)
     what = f"{views} views, " if views else ""
-    click.echo(f"{output}: {what}{size / 1e6:.1f} MB, opens in any browser and asks no network.")
-    if size > _LARGE:
+    click.echo(
+        f"{output}: {what}{size / 1e6:.1f} MB; it opens in any browser, also without a network."
+    )
+    if size > MAX_PAGE_BYTES:
         note(
-            f"{output} has {size / 1e6:.0f} MB: --downscale 2 or --quality 90 makes it smaller, "
-            "--most-views 9 9 too."
+            f"{output} has {size / 1e6:.0f} MB: make it smaller with --downscale 2, --quality 90 "
+            "or --most-views 9 9."
         )
 
 
-def _serve(content: Content, shown: PageBuilder, *, port: int, keep: bool, opens: bool) -> None:
+def _serve(content: Content, builder: PageBuilder, *, port: int, keep: bool, opens: bool) -> None:
     """Serve the page to the browser of this computer until it is closed."""
     from clplen.io.page.html_page import page_of
     from clplen.viewer.device_computing import DeviceComputing
@@ -233,21 +235,20 @@ def _serve(content: Content, shown: PageBuilder, *, port: int, keep: bool, opens
 
     items = content.about["items"]
     numbers = [n for n, item in enumerate(items) if item["kind"] == "light field"]
-    light_fields = dict(zip(numbers, shown.light_fields, strict=True))
-    computing = DeviceComputing(shown.device(), light_fields, shown.memory)
+    light_fields = dict(zip(numbers, builder.light_fields, strict=True))
+    computing = DeviceComputing(builder.device(), light_fields, builder.memory)
     page = page_of(content, None)
     with ViewerServer(page, content.blobs, computing, port=port, keep=keep) as server:
         click.echo(f"Open {server.url}")
-        click.echo("It is for this computer alone, and ends by Ctrl-C", nl=keep)
-        if not keep:
-            click.echo(" or when the page is closed.")
+        ending = "" if keep else " or close the page"
+        click.echo(f"Accessible from this computer only. Press Ctrl-C{ending} to stop.")
         if opens and not open_browser(server.url):
-            note("no browser could be opened: open the address above in one.")
+            note("no browser could be started: open the address above in a browser.")
         server.run()
 
 
 def open_browser(url: str) -> bool:
-    """Open an address in the user's browser; whether one was found."""
+    """Open an address in the user's browser; return True on success."""
     import webbrowser
 
     try:
@@ -257,16 +258,16 @@ def open_browser(url: str) -> bool:
 
 
 def _scores(sources: tuple[Path, ...], truth: Path | None) -> dict[str, Any] | None:
-    """A table of the scores of disparity maps, as `clplen score` gives them."""
+    """Return a table of the scores of `clplen score` for disparity maps."""
     from clplen.analysis.quality import score
     from clplen.io import read_disparity
 
     if truth is None:
         return None
-    known = read_disparity(truth)
+    reference = read_disparity(truth)
     rows = []
     for source in sources:
-        found = score(read_disparity(source), known)
-        numbers = (found.mse, found.badpix_07, found.q25)
+        scores = score(read_disparity(source), reference)
+        numbers = (scores.mse, scores.badpix_07, scores.q25)
         rows.append([source.stem, *(f"{number:.4g}" for number in numbers)])
     return {"columns": ["MSE x 100", "BadPix .07 (%)", "Q25"], "rows": rows}

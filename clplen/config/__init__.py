@@ -1,1 +1,1 @@
-"""Camera files: TOML text comes in; cameras, scenes, light and sensors in SI units leave."""
+"""Camera files: build cameras, scenes, light and sensors in SI units from TOML files."""

@@ -1,4 +1,4 @@
-"""The tables ``[camera]``, its sub-tables, and ``[sensor]`` of a camera file."""
+"""Tables ``[camera]``, with its sub-tables, and ``[sensor]`` of a camera file."""
 
 from __future__ import annotations
 
@@ -37,36 +37,36 @@ Pair = Annotated[tuple[Finite, Finite], of(2, "two numbers, [along Y, along X]")
 
 
 def _indices(value: object) -> object:
-    """Keys of a TOML table, which are words, as Noll's indices."""
+    """Convert the keys of a TOML table to Noll's indices."""
     if not isinstance(value, dict):
         raise ValueError("must be a table of Noll's indices, such as { 5 = 0.5 }")
     bad = [key for key in value if not (str(key).isdecimal() and int(key) >= 1)]
     if bad:
-        raise ValueError(f"has Noll's indices, 1 or more, for keys, not {bad[0]!r}")
-    found = {int(key): number for key, number in value.items()}
-    if len(found) < len(value):
-        raise ValueError(f"has an index twice, {', '.join(map(str, value))}")
-    return found
+        raise ValueError(f"must have Noll's indices, 1 or more, as keys, not {bad[0]!r}")
+    terms = {int(key): number for key, number in value.items()}
+    if len(terms) < len(value):
+        raise ValueError(f"must not repeat an index, has {', '.join(map(str, value))}")
+    return terms
 
 
 def pupil_of(terms: dict[int, float] | None) -> PupilAberration | None:
-    """The aberration of terms in nanometres, None without any."""
+    """Return the aberration of terms in nanometres; None without terms."""
     return PupilAberration({j: c / 1e9 for j, c in terms.items()}) if terms else None
 
 
 def _pupil_indices(value: object) -> object:
-    """Keys of a TOML table as Noll's indices, without the piston."""
-    found = _indices(value)
-    if isinstance(found, dict) and 1 in found:
-        raise ValueError("has term 1, a piston, which no image shows: begin with 2")
-    return found
+    """Convert the keys of a TOML table to Noll's indices; reject the piston."""
+    terms = _indices(value)
+    if isinstance(terms, dict) and 1 in terms:
+        raise ValueError("has term 1, a piston, which has no effect on images: start with 2")
+    return terms
 
 
 PupilTerms = Annotated[dict[int, Finite], BeforeValidator(_pupil_indices)]
 
 
 class AberrationsTable(Table):
-    """``[camera.aberrations]``."""
+    """``[camera.aberrations]``: aberrations of main lens and lenslets, scatter and tilt."""
 
     main_lens_waves: Annotated[dict[int, Finite], BeforeValidator(_indices)] = Field({})
     main_lens_field_waves_per_mm: Annotated[dict[int, Pair], BeforeValidator(_indices)] = Field({})
@@ -80,8 +80,8 @@ class AberrationsTable(Table):
     sensor_tilt_mrad: Pair = (0.0, 0.0)
 
     def build(self, wavelength: float) -> Aberrations:
-        """Return the aberrations, in SI units; waves are of this length in metres."""
-        known = self.in_si("main_lens_field_waves_per_mm")
+        """Return the aberrations in SI units, for a wavelength in metres."""
+        values = self.in_si("main_lens_field_waves_per_mm")
         field = {
             j: (y * wavelength * 1e3, x * wavelength * 1e3)
             for j, (y, x) in self.main_lens_field_waves_per_mm.items()
@@ -90,19 +90,19 @@ class AberrationsTable(Table):
             main_lens={j: c * wavelength for j, c in self.main_lens_waves.items()},
             main_lens_field=field,
             lenslets={j: c * wavelength for j, c in self.lenslets_waves.items()},
-            lenslet_circle=known["lenslet_circle"],
+            lenslet_circle=values["lenslet_circle"],
             scatter=LensletScatter(
                 self.focal_length_scatter,
-                known["tilt_scatter"],
-                known["position_scatter"],
+                values["tilt_scatter"],
+                values["position_scatter"],
                 self.scatter_seed,
             ),
-            sensor_shift=known["sensor_shift"],
-            sensor_tilt=known["sensor_tilt"],
+            sensor_shift=values["sensor_shift"],
+            sensor_tilt=values["sensor_tilt"],
         )
 
 
-# What only one kind of camera has, what it needs, and what it has no use for.
+# Keys that are valid for a single kind of camera, required keys, and keys of a main lens.
 KEYS = {
     "plenoptic1": ("field_lens",),
     "plenoptic2": ("m", "a_mm", "match"),
@@ -121,14 +121,14 @@ NEEDED = {
     "plenoptic2": ("focal_length_mm",),
     "microscope": ("magnification", "na"),
 }
-OF_A_MAIN_LENS = (
+MAIN_LENS_KEYS = (
     "focal_length_mm", "object_distance_mm", "image_distance_mm", "aperture_diameter_mm",
     "lens_model",
 )  # fmt: skip
 
 
 class MicrolensTable(Table):
-    """``[camera.microlenses]``."""
+    """``[camera.microlenses]``: the microlens array."""
 
     pitch_um: Positive
     focal_length_mm: Annotated[list[Positive], Field(min_length=1), BeforeValidator(listed)]
@@ -144,27 +144,27 @@ class MicrolensTable(Table):
     @model_validator(mode="after")
     def _fits_the_lattice(self) -> MicrolensTable:
         if self.fill == "square" and self.lattice != "square":
-            raise ValueError("has fill = 'square', and its cells are hexagons: give fill = 'full'")
+            raise ValueError("has fill = 'square', but its cells are hexagons: set fill = 'full'")
         return self
 
     def build(self) -> MicrolensArray:
-        """Return the array, in SI units."""
+        """Return the array in SI units."""
         fill = "circular" if self.fill == "circular" else "full"
         return MicrolensArray(**self.in_si() | {"fill": fill})
 
 
 def _shares(rows: list[list[float]]) -> list[list[float]]:
-    """Refuse shares of crosstalk that a sensor cannot have."""
+    """Raise an error for an impossible matrix of crosstalk."""
     widths = {len(row) for row in rows}
     if len(widths) != 1 or len(rows) % 2 == 0 or min(widths) % 2 == 0:
-        raise ValueError("must be rows of one odd length, and an odd number of them")
+        raise ValueError("must be an odd number of rows of equal, odd length")
     if min(map(min, rows)) < 0 or sum(map(sum, rows)) > 1 + 1e-9:
-        raise ValueError("must be shares, not negative, with the sum 1 or less")
+        raise ValueError("must be non-negative fractions with a sum of at most 1")
     return rows
 
 
 def _filters(name: str) -> str:
-    """Refuse a name of no colour filters."""
+    """Raise an error for an unknown colour-filter array."""
     if name not in FILTERS:
         raise ValueError(f"must be one of {', '.join(map(repr, FILTERS))}")
     return name
@@ -181,7 +181,7 @@ FILTERS = (*ORDERS, *(f"quad {order}" for order in ORDERS), "monochrome")
 
 
 class PixelsTable(Table):
-    """``[camera.pixels]``."""
+    """``[camera.pixels]``: the pixels of the sensor."""
 
     pitch_um: Positive | None = None
     shape: Annotated[tuple[Count, Count], of(2, "[rows, columns]")] | None = None
@@ -192,14 +192,14 @@ class PixelsTable(Table):
     filters: Annotated[str, AfterValidator(_filters)] | None = None
 
     def build(self) -> PixelArray:
-        """Return the pixels, in SI units."""
+        """Return the pixels in SI units."""
         kernel = None if self.crosstalk is None else tuple(map(tuple, self.crosstalk))
         filters = None if self.filters is None else _color_filters(self.filters)
         return PixelArray(**self.in_si() | {"crosstalk": kernel, "filters": filters})
 
 
 class CoverTable(Table):
-    """``[camera.cover]``: a cover glass that the objective is not made for."""
+    """``[camera.cover]``: a cover glass other than that of the objective's design."""
 
     thickness_um: NotNegative
     index: Positive = 1.5255
@@ -207,12 +207,12 @@ class CoverTable(Table):
     designed_index: Positive = 1.5255
 
     def build(self) -> CoverGlass:
-        """Return the glass, in SI units."""
+        """Return the cover glass in SI units."""
         return CoverGlass(**self.in_si())
 
 
 class CameraTable(Table):
-    """``[camera]``."""
+    """``[camera]``: the camera."""
 
     kind: Literal["plenoptic1", "plenoptic2", "microscope"] = "plenoptic1"
     focal_length_mm: Positive | None = None
@@ -242,17 +242,17 @@ class CameraTable(Table):
         for kind, keys in KEYS.items():
             stray = [key for key in keys if key in self.model_fields_set]
             if stray and self.kind != kind:
-                raise ValueError(f"has {stray[0]}, which belongs to kind = {kind!r}")
+                raise ValueError(f"has {stray[0]}, which applies to kind = {kind!r} only")
         for key in NEEDED[self.kind]:
             if getattr(self, key) is None:
                 raise ValueError(f"needs {key} for kind = {self.kind!r}")
-        without = OF_A_MAIN_LENS if self.kind == "microscope" else ()
+        without = MAIN_LENS_KEYS if self.kind == "microscope" else ()
         stray = [key for key in without if key in self.model_fields_set]
         if stray:
-            raise ValueError(f"has {stray[0]}, for which kind = 'microscope' has no use")
+            raise ValueError(f"has {stray[0]}, which does not apply to kind = 'microscope'")
         if self.kind == "plenoptic2" and (self.m is None) == (self.a_mm is None):
-            found = "neither" if self.m is None else "both"
-            raise ValueError(f"needs one of m and a_mm for kind = 'plenoptic2', and has {found}")
+            count = "neither" if self.m is None else "both"
+            raise ValueError(f"needs either m or a_mm for kind = 'plenoptic2', has {count}")
         if (
             self.kind not in ("plenoptic2", "microscope")
             and len(self.microlenses.focal_length_mm) > 1
@@ -264,22 +264,22 @@ class CameraTable(Table):
 
     @model_validator(mode="after")
     def _pixels_of_one_size(self) -> CameraTable:
-        given = self.pixels_per_lenslet
+        count = self.pixels_per_lenslet
         pitch = None if self.pixels is None else self.pixels.pitch_um
-        if given is None and pitch is None:
-            raise ValueError("needs pixels_per_lenslet, or pixels.pitch_um in their place")
-        if given is not None and pitch is not None:
+        if count is None and pitch is None:
+            raise ValueError("needs pixels_per_lenslet or pixels.pitch_um")
+        if count is not None and pitch is not None:
             across = self.microlenses.pitch_um / pitch
-            if abs(given - across) > PITCH_TOLERANCE * across:
+            if abs(count - across) > PITCH_TOLERANCE * across:
                 raise ValueError(
-                    f"has pixels_per_lenslet = {given:g} and pixels.pitch_um = {pitch:g}, of which "
-                    f"a lenslet of {self.microlenses.pitch_um:g} um has {across:.6g}: leave one out"
+                    f"has pixels_per_lenslet = {count:g}, but pixels.pitch_um = {pitch:g} gives "
+                    f"{across:.6g} for lenslets of {self.microlenses.pitch_um:g} um: leave one out"
                 )
         return self
 
     @property
     def pixels_across(self) -> float:
-        """Pixels a lenslet, from their number or their pitch."""
+        """Number of pixels per lenslet, from the number or the pitch."""
         if self.pixels_per_lenslet is not None:
             return self.pixels_per_lenslet
         assert self.pixels is not None
@@ -287,7 +287,7 @@ class CameraTable(Table):
         return self.microlenses.pitch_um / self.pixels.pitch_um
 
     def build(self, device: Device) -> Plenoptic1 | Plenoptic2 | Microscope:
-        """The camera, in SI units, on a device."""
+        """Return the camera in SI units on a device."""
         wavelength = self.wavelength_nm / 1e9
         shared: dict[str, Any] = {
             "mla": self.microlenses.build(),
@@ -309,32 +309,32 @@ class CameraTable(Table):
                 pixels_per_lenslet=self.pixels_across,
                 **shared,
             )
-        known = self.in_si()
-        shared |= {name: known[name] for name in _OF_PLENOPTIC}
+        values = self.in_si()
+        shared |= {name: values[name] for name in _PLENOPTIC_ARGUMENTS}
         shared["aberrations"] = self.aberrations.build(wavelength) if self.aberrations else NONE
         if self.kind == "plenoptic1":
             return PlenopticCamera.type1(field_lens=self.field_lens, **shared)
-        return PlenopticCamera.type2(m=self.m, a=known["a"], match=self.match, **shared)
+        return PlenopticCamera.type2(m=self.m, a=values["a"], match=self.match, **shared)
 
 
-_OF_PLENOPTIC = (
+_PLENOPTIC_ARGUMENTS = (
     "focal_length", "object_distance", "image_distance", "aperture_diameter", "pixels_per_lenslet",
     "lens_model",
 )  # fmt: skip
 
 
 def _gain(gain: Any) -> Any:
-    """Refuse what is neither a gain nor one for each filter."""
+    """Raise an error unless the gain is a positive number or a table of numbers."""
     values = list(gain.values()) if isinstance(gain, dict) else [gain]
     if not values or not all(is_finite(value) and value > 0 for value in values):
         raise ValueError(
-            "must be a number above 0, or one for each filter, as { R = 2.0, G = 1.0, B = 1.6 }"
+            "must be a number above 0, or a table such as { R = 2.0, G = 1.0, B = 1.6 }"
         )
     return gain
 
 
 class SensorTable(Table):
-    """``[sensor]``."""
+    """``[sensor]``: exposure, noise and quantisation."""
 
     exposure_electrons: Positive | None = None
     shot_noise: Switch = False

@@ -1,4 +1,4 @@
-"""The camera file: a camera, a scene and a sensor in TOML, with units in the names of the keys."""
+"""Camera files: camera, scene and sensor in TOML, with units in the names of the keys."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from clplen.wave.coherence.coherence import Coherence
 
 
 class CameraFile(Table):
-    """A whole camera file."""
+    """Content of a camera file."""
 
     camera: CameraTable
     scene: SceneTable
@@ -42,32 +42,32 @@ class CameraFile(Table):
             stray = self.coherence.of_slides()
             if stray:
                 raise ValueError(
-                    f"coherence.{stray[0]} is for slides, and the scene has none: set mode = "
-                    "'transmission' in a table of [[scene.pictures]], or leave it out"
+                    f"coherence.{stray[0]} applies to slides, but the scene has none: set mode = "
+                    "'transmission' in a table [[scene.pictures]], or leave it out"
                 )
         return self
 
     def light(self) -> Coherence | None:
-        """The light on the slides and the spectrum of the scene, in SI units, or None."""
+        """Return the light on the slides and the spectrum of the scene in SI units, or None."""
         if self.coherence is None:
             return None
         return self.coherence.build(self.camera.wavelength_nm / 1e9)
 
     def exposure(self) -> dict[str, Any]:
-        """Return the arguments of ``expose`` of the camera: scene, light, sensor, snapshots."""
-        how = self.coherence or CoherenceTable()
+        """Return the arguments of ``expose``: scene, light, sensor and snapshots."""
+        settings = self.coherence or CoherenceTable()
         return {
             "scene": self.scene.build(),
             "coherence": self.light(),
             "sensor": None if self.sensor is None else self.sensor.build(),
-            "koehler": how.koehler,
-            "snapshots": how.snapshots,
-            "rtol": how.rtol,
+            "koehler": settings.koehler,
+            "snapshots": settings.snapshots,
+            "rtol": settings.rtol,
         }
 
     @property
     def label(self) -> str:
-        """Digest of the system whose snapshots are averaged; checkpoints compare the light."""
+        """Digest of camera and scene for checkpoints, which compare the light separately."""
         koehler = self.coherence is not None and self.coherence.koehler
         text = f"{self.model_dump_json(exclude={'coherence'})}, koehler={koehler}"
         return hashlib.sha256(text.encode()).hexdigest()[:16]
@@ -84,8 +84,8 @@ def _read(model: type[Model], path: Path) -> Model:
     return validated(model, content, path)
 
 
-class _CameraAlone(Table):
-    """A camera file of which the camera alone counts."""
+class _CameraOnly(Table):
+    """Camera file of which only the camera is validated."""
 
     camera: CameraTable
     scene: Any = None
@@ -104,25 +104,25 @@ def read_camera(
     Parameters
     ----------
     path : path-like
-        TOML as ``clplen simulate --example`` prints it; it needs no scene.
+        TOML file as printed by ``clplen simulate --example``; the scene is optional.
     device : Device or str, optional
-        Where the simulation runs; None is ``Device.open()``.
+        Device of the simulation; None means ``Device.open()``.
     count : int or tuple of int, optional
-        Lenslets (ny, nx) in place of those of the file, about the same axis, with as many pixels
-        as cover them: a part of a large camera.
+        Number of lenslets (ny, nx) that replaces the number in the file, to simulate the central
+        part of a large camera; the number of pixels is adapted.
 
     Returns
     -------
     Plenoptic1, Plenoptic2 or Microscope
-        By the ``kind`` that the file tells.
+        Camera of the ``kind`` in the file.
 
     Raises
     ------
     FormatError
-        If there is no such file, it is not TOML or of a Fourier microscope, or a key is unknown,
-        missing or out of range.
+        If the file does not exist, is not TOML or describes a Fourier microscope, or a key is
+        unknown, missing or out of range.
     ValueError, SamplingError
-        If there is no such camera; see `PlenopticCamera`.
+        If the camera is impossible or undersampled; see `PlenopticCamera`.
 
     Examples
     --------
@@ -141,11 +141,13 @@ def read_camera(
     >>> clplen.read_camera("camera.toml")
     <Plenoptic1 f = 10 mm, 11 x 11 lenslets of 100 um, 55 x 55 pixels, 550 nm, ...>
     """
-    table = _read(_CameraAlone, Path(path)).camera
+    table = _read(_CameraOnly, Path(path)).camera
     if count is not None:
         counts = np.ravel(count)
         if counts.size not in (1, 2) or not all(is_integer(n) and n >= 1 for n in counts):
-            raise ValueError(f"count is lenslets, (ny, nx) or one number for both, not {count!r}.")
+            raise ValueError(
+                f"count must be a number of lenslets, 1 or more, or a pair (ny, nx), got {count!r}."
+            )
         ny, nx = (int(n) for n in np.broadcast_to(counts, (2,)))
         changes: dict[str, Any] = {
             "microlenses": table.microlenses.model_copy(update={"count": (ny, nx)})

@@ -1,4 +1,4 @@
-"""Camera files of a Fourier light-field microscope: ``kind = "fourier_microscope"``."""
+"""Camera files of Fourier light-field microscopes: ``kind = "fourier_microscope"``."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ DISTANCE = Range(0.1, 2000, "mm")
 
 
 class LensletsTable(Table):
-    """``[camera.lenslets]``: lenslets anywhere."""
+    """``[camera.lenslets]``: lenslets at arbitrary positions."""
 
     positions_mm: Annotated[
         list[Annotated[tuple[Finite, Finite], of(2, "two numbers, [y, x]")]], Field(min_length=1)
@@ -51,12 +51,12 @@ class LensletsTable(Table):
     rotation_deg: Finite = 0.0
 
     def build(self) -> LensletLayout:
-        """Return the lenslets, in SI units."""
+        """Return the lenslets in SI units."""
         return LensletLayout(**self.in_si() | {"positions": np.array(self.positions_mm) / 1e3})
 
 
 class FourierTable(ObjectiveTable):
-    """``[camera]`` of a Fourier microscope."""
+    """``[camera]``: a Fourier microscope."""
 
     kind: Literal["fourier_microscope"]
     medium_index: Annotated[Positive, AfterValidator(INDEX.check)] = 1.0
@@ -73,24 +73,24 @@ class FourierTable(ObjectiveTable):
     @model_validator(mode="after")
     def _lenslets_once(self) -> FourierTable:
         if (self.microlenses is None) == (self.lenslets is None):
-            found = "neither" if self.lenslets is None else "both"
-            raise ValueError(f"needs one of microlenses and lenslets, and has {found}")
+            count = "neither" if self.lenslets is None else "both"
+            raise ValueError(f"needs either microlenses or lenslets, has {count}")
         return self
 
     def build(self, device: Device) -> FourierMicroscope:
-        """Return the camera, in SI units, on a device."""
+        """Return the camera in SI units on a device."""
         lenslets = self.microlenses or self.lenslets
         assert lenslets is not None
-        known = self.in_si("kind", "pixel_um", "sensor", "microlenses", "lenslets")
-        known |= {"cover": self.cover.build() if self.cover else None, "shape": self.sensor}
+        arguments = self.in_si("kind", "pixel_um", "sensor", "microlenses", "lenslets")
+        arguments |= {"cover": self.cover.build() if self.cover else None, "shape": self.sensor}
         pitch = self.pixel_um / 1e6
         return PlenopticCamera.fourier_microscope(
-            mla=lenslets.build(), pixel_pitch=pitch, device=device, **known
+            mla=lenslets.build(), pixel_pitch=pitch, device=device, **arguments
         )
 
 
 class VolumeTable(Table):
-    """``[volume]``."""
+    """``[volume]``: planes and voxels."""
 
     num_slices: Count | None = None
     um_per_slice: Annotated[Positive, AfterValidator(STEP.check)] | None = None
@@ -98,7 +98,7 @@ class VolumeTable(Table):
 
 
 class FourierCameraFile(Table):
-    """The whole file."""
+    """Content of a camera file of a Fourier microscope, as tables."""
 
     camera: FourierTable
     volume: VolumeTable = VolumeTable()
@@ -106,7 +106,7 @@ class FourierCameraFile(Table):
 
 @dataclass(frozen=True)
 class FourierFile:
-    """Content of a file of a Fourier microscope; ``voxels`` are those of a pixel along an axis."""
+    """Camera and volume of a Fourier microscope; ``voxels`` per pixel along an axis."""
 
     camera: FourierTable
     slices: int | None
@@ -115,7 +115,7 @@ class FourierFile:
 
 
 def is_fourier_file(path: PathLike) -> bool:
-    """Whether a TOML file has ``[camera]`` with ``kind = "fourier_microscope"``."""
+    """Return True if a TOML file has ``kind = "fourier_microscope"`` in ``[camera]``."""
     return kind_of(_content(Path(path))) == FOURIER
 
 
@@ -124,11 +124,9 @@ def read_fourier_file(path: PathLike) -> FourierFile:
     path = Path(path)
     content = _content(path)
     require_fourier(content, path)
-    known = validated(FourierCameraFile, content, path)
-    volume = known.volume
-    return FourierFile(
-        known.camera, volume.num_slices, volume.um_per_slice, volume.voxels_per_pixel
-    )
+    file = validated(FourierCameraFile, content, path)
+    volume = file.volume
+    return FourierFile(file.camera, volume.num_slices, volume.um_per_slice, volume.voxels_per_pixel)
 
 
 def _content(path: Path) -> dict[str, Any]:
@@ -138,37 +136,37 @@ def _content(path: Path) -> dict[str, Any]:
 EXAMPLE = """\
 # A Fourier light-field microscope: lenslets on the conjugate pupil of an objective.
 # clplen microscope psf flfm.toml -o psf.h5
-# A key that begins with # shows its default.
+# Keys that begin with # show their defaults.
 
 [camera]
 kind = "fourier_microscope"
-magnification = 20.0            # of objective and tube lens
+magnification = 20.0            # magnification of objective and tube lens
 na = 0.5                        # numerical aperture
-medium_index = 1.33             # of what the specimen lies in: air 1, water 1.33, oil 1.52
-wavelength_nm = 525.0           # in vacuum, of the fluorescence
-# tube_lens_mm = 200.0          # for the table of lengths only
-relay_mm = 100.0                # of the lens behind the native image, which makes the pupil
+medium_index = 1.33             # refractive index around the specimen: air 1, water 1.33, oil 1.52
+wavelength_nm = 525.0           # wavelength of the fluorescence in vacuum
+# tube_lens_mm = 200.0          # focal length of the tube lens, for the printed lengths only
+relay_mm = 100.0                # focal length of the lens that images the pupil onto the lenslets
 # field_stop_mm = 3.333         # diameter on the native image; default: sub-images touch
-# sensor_distance_mm = 30.0     # lenslets to sensor; default: their focal length
-pixel_um = 8.0                  # on the sensor
+# sensor_distance_mm = 30.0     # lenslets to sensor; default: focal length of the lenslets
+pixel_um = 8.0                  # pixel size on the sensor
 # sensor = [625, 625]           # rows and columns of pixels; default: all sub-images with light
-# apodisation = 0.5             # power of cos(theta) over the pupil
-# cover = { thickness_um = 150 }  # a cover glass unlike that which the objective is made for
+# apodisation = 0.5             # exponent of cos(theta) over the pupil
+# cover = { thickness_um = 150 }  # cover glass, if it differs from that of the objective's design
 
-[camera.microlenses]            # on a lattice ...
+[camera.microlenses]            # lenslets on a lattice
 pitch_um = 1000.0
 focal_length_mm = 30.0
-count = 5                       # a row and a column, or [rows, columns]
+count = 5                       # number of rows and columns, or [rows, columns]
 # lattice = "square"            # or "hexagonal"
 # fill = "circular"             # or "full"
 
-# [camera.lenslets]             # ... or anywhere
+# [camera.lenslets]             # instead: lenslets at arbitrary positions
 # positions_mm = [[0, 0], [0, 1.5], [1.3, -0.75], [-1.3, -0.75]]  # y and x from the axis
-# focal_length_mm = 30.0        # or one of each: [30, 31, 31, 31], with sensor_distance_mm
+# focal_length_mm = 30.0        # or a list such as [30, 31, 31, 31], with sensor_distance_mm
 # diameter_um = 1400
 
-[volume]                        # or --num-slices and --um-per-slice, or --planes-um
+[volume]                        # options: --num-slices and --um-per-slice, or --planes-um
 num_slices = 21
 um_per_slice = 4.0              # z from -40 to 40 um, farther from the objective positive
-# voxels_per_pixel = 1          # along an axis; or --voxels
+# voxels_per_pixel = 1          # number of voxels per pixel along an axis; option --voxels
 """

@@ -1,4 +1,4 @@
-"""Kinds of camera files, and what takes a file of another kind than the one asked for."""
+"""Kinds of camera files, and errors for files of a wrong kind."""
 
 from __future__ import annotations
 
@@ -8,54 +8,56 @@ from typing import Any
 from clplen.errors import FormatError
 
 FOURIER = "fourier_microscope"
-_FOURIER_ALONE = "relay_mm"  # a key that no other kind has
-_PLENOPTIC = "'clplen simulate' and 'clplen analyse' take it, and in Python clplen.read_camera does"
-_TAKEN = {
+_FOURIER_KEY = "relay_mm"  # a key of Fourier microscopes only
+_PLENOPTIC = "use 'clplen simulate', 'clplen analyse' or, in Python, clplen.read_camera"
+_SUPPORT = {
     "plenoptic1": _PLENOPTIC,
     "plenoptic2": _PLENOPTIC,
-    FOURIER: "'clplen microscope psf' and 'clplen info' take it, and in Python "
-    "PlenopticCamera.fourier_microscope makes such a camera",
-    "microscope": "'clplen microscope psf' and 'clplen simulate' take it, and in Python "
-    "clplen.read_camera does",
+    FOURIER: "use 'clplen microscope psf', 'clplen info' or, in Python, "
+    "PlenopticCamera.fourier_microscope",
+    "microscope": "use 'clplen microscope psf', 'clplen simulate' or, in Python, "
+    "clplen.read_camera",
 }
 
 
 def kind_of(content: dict[str, Any]) -> Any:
-    """The ``kind`` in ``[camera]`` of a file's content, None where it has none."""
+    """Return the ``kind`` in ``[camera]`` of a file's content; None if it is missing."""
     camera = content.get("camera")
     return camera.get("kind") if isinstance(camera, dict) else None
 
 
-def what_takes(kind: str) -> str:
-    """The commands and the function that take files of a kind, as a clause."""
-    return _TAKEN[kind]
+def support_of(kind: str) -> str:
+    """Return a clause with the commands and the function for files of a kind."""
+    return _SUPPORT[kind]
 
 
 def refuse_fourier(content: dict[str, Any], path: Path) -> None:
-    """Refuse the file of a Fourier microscope where another camera is asked for.
+    """Raise an error for the file of a Fourier microscope where another camera is expected.
 
-    Most of its keys are others: checked one by one they would be a list of mistakes.
+    A check of its keys would only list the many keys that differ.
     """
     if kind_of(content) == FOURIER:
         raise FormatError(
-            f"{path} is of a Fourier microscope (kind = {FOURIER!r}), whose lenslets lie on the "
-            f"pupil, and a camera with lenslets about its image is asked for: {_TAKEN[FOURIER]}."
+            f"{path} describes a Fourier microscope (kind = {FOURIER!r}), but a camera with "
+            f"lenslets near its image is expected: {_SUPPORT[FOURIER]}."
         )
 
 
 def require_fourier(content: dict[str, Any], path: Path) -> None:
-    """Refuse the file of another camera where a Fourier microscope is asked for."""
+    """Raise an error for the file of another camera where a Fourier microscope is expected."""
     camera = content.get("camera")
     if isinstance(camera, dict):
-        default = "" if _FOURIER_ALONE in camera else "plenoptic1"
+        default = "" if _FOURIER_KEY in camera else "plenoptic1"
         kind = camera.get("kind", default)
-        if kind == FOURIER or not isinstance(kind, str) or kind not in _TAKEN:
+        if kind == FOURIER or not isinstance(kind, str) or kind not in _SUPPORT:
             return
-        said, taken = f"kind {kind!r}", _TAKEN[kind]
+        description, remedy = f"a camera of kind {kind!r}", _SUPPORT[kind]
     elif "ulens_pitch" in content:
-        said, taken = "a microscope, by the names of LFAnalyze", "'clplen microscope psf' takes it"
+        description = "a microscope with the names of LFAnalyze"
+        remedy = "use 'clplen microscope psf'"
     else:
         return
     raise FormatError(
-        f"{path} is of {said}, and a Fourier microscope (kind = {FOURIER!r}) is asked for: {taken}."
+        f"{path} describes {description}, but a Fourier microscope (kind = {FOURIER!r}) is "
+        f"expected: {remedy}."
     )

@@ -1,7 +1,7 @@
 """Files of a light-field microscope: ``[camera]`` of a camera file, or the names of LFAnalyze.
 
-LFAnalyze and napari-LF know an instrument by flat names: micrometres for the array and the sensor,
-millimetres for the tube lens, nanometres for the wavelength.
+LFAnalyze and napari-LF describe an instrument without tables: micrometres for the array and the
+sensor, millimetres for the tube lens, nanometres for the wavelength.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from clplen.cameras.optics.objective import APODISATION
 from clplen.config.camera import CameraTable, CoverTable, PupilTerms, SensorTable
-from clplen.config.kinds import refuse_fourier, what_takes
+from clplen.config.kinds import refuse_fourier, support_of
 from clplen.config.scene import CoherenceTable, SceneTable
 from clplen.config.tables import Count, Positive, Table, read_toml, validated
 from clplen.errors import FormatError
@@ -23,30 +23,29 @@ from clplen.files import PathLike
 from clplen.microscopy.frames.prepare import LEAST
 from clplen.microscopy.model.binning import suitable_binning
 
-_POWERS = (3, -3, 6, -6, 9, -9)  # of 10: from m, mm, um and nm to one another
+_POWERS = (3, -3, 6, -6, 9, -9)  # powers of 10 between m, mm, um and nm
 
 
 @dataclass(frozen=True)
 class Range:
-    """Range of values of instruments that exist, both ends included."""
+    """Range of values of real instruments, both ends included."""
 
     low: float
     high: float
     unit: str = ""
 
     def check(self, value: float) -> float:
-        """The value, refused outside the range."""
+        """Return the value; raise an error outside the range."""
         if self.low <= value <= self.high:
             return value
-        said = f"lies between {self.low:g} and {self.high:g}"
-        if self.unit:
-            said = f"is in {self.unit} here, from {self.low:g} to {self.high:g}"
+        unit = f" {self.unit}" if self.unit else ""
+        message = f"must be {self.low:g} to {self.high:g}{unit}"
         for power in _POWERS if self.unit else ():
-            meant = value * 10.0**power
-            if self.low <= meant <= self.high:
-                said += f": did you mean {meant:.6g}?"
+            guess = value * 10.0**power
+            if self.low <= guess <= self.high:
+                message += f": did you mean {guess:.6g}?"
                 break
-        raise ValueError(said)
+        raise ValueError(message)
 
 
 MAGNIFICATION = Range(1, 250)
@@ -59,20 +58,21 @@ FOCAL_LENGTH = Range(10, 2e5, "um")
 FOCAL_LENGTH_MM = Range(0.01, 200, "mm")
 PIXEL = Range(0.3, 200, "um")
 STEP = Range(1e-4, 1e4, "um")
-PIXELS = Range(3, 1000)  # of a lenslet, along an axis
-F_NUMBER = Range(0.5, 1000)  # of a lenslet
-NEAR = 0.1  # of a pixel, by which a lenslet may miss a whole number of them
+PIXELS = Range(3, 1000)  # per lenslet, along an axis
+F_NUMBER = Range(0.5, 1000)  # of the lenslets
+MAX_DEVIATION = 0.1  # pixels: a lenslet this close to a whole number of pixels is rounded
 
 
-FINER = 1.5  # pixels of point images for one of a frame that is not rectified, along an axis
-PARTS = 2  # of such a pixel, at least, to integrate over those of the frame
-_COUNT = 35  # lenslets of the camera that is built: point images do not depend on it
+# Pixels of point images per pixel of a frame that is not rectified, along an axis.
+OVERSAMPLING = 1.5
+MIN_PARTS = 2  # samples per such pixel, to integrate over the pixels of the frame
+_COUNT = 35  # lenslets of the camera; point images do not depend on it
 _PRINTED = "'clplen microscope psf --example' prints one"
 _F_NUMBER = "the f-number of the lenslets, focal length over pitch, is {:.3g}; it"
 
 
 class ObjectiveTable(Table):
-    """What tables of microscopes have of the objective."""
+    """Keys of the objective, shared by the tables of microscopes."""
 
     magnification: Annotated[Positive, AfterValidator(MAGNIFICATION.check)]
     na: Annotated[Positive, AfterValidator(NA.check)]
@@ -80,8 +80,8 @@ class ObjectiveTable(Table):
     cover: CoverTable | None = None
 
 
-class KnownTable(ObjectiveTable):
-    """A microscope by the names of LFAnalyze; the whole file."""
+class LFAnalyzeTable(ObjectiveTable):
+    """File of a microscope with the names of LFAnalyze."""
 
     medium_index: Annotated[Positive, AfterValidator(INDEX.check)]
     wavelength: Annotated[Positive, AfterValidator(WAVELENGTH.check)]
@@ -97,14 +97,14 @@ class KnownTable(ObjectiveTable):
     pixels_per_lenslet: Count | None = None
 
     @model_validator(mode="after")
-    def _pixels_of_lenslets(self) -> KnownTable:
-        _in_range("pixel_size gives a lenslet {:.3g} pixels, a number that",
+    def _pixels_of_lenslets(self) -> LFAnalyzeTable:
+        _in_range("the number of pixels per lenslet by pixel_size is {:.3g}; it",
                   self.ulens_pitch / self.pixel_size, PIXELS)  # fmt: skip
         _in_range(_F_NUMBER, self.ulens_focal_length / self.ulens_pitch, F_NUMBER)
         return self
 
     def camera(self) -> CameraTable:
-        """The same as ``[camera]``."""
+        """Return the microscope as a table ``[camera]``."""
         lenslets = {
             "pitch_um": self.ulens_pitch,
             "focal_length_mm": self.ulens_focal_length / 1e3,
@@ -129,8 +129,8 @@ class KnownTable(ObjectiveTable):
         )
 
 
-class _CameraAlone(Table):
-    """A camera file that needs no scene."""
+class _CameraOnly(Table):
+    """Camera file with an optional scene."""
 
     camera: CameraTable
     scene: SceneTable | None = None
@@ -138,7 +138,7 @@ class _CameraAlone(Table):
     sensor: SensorTable | None = None
 
     @model_validator(mode="after")
-    def _of_a_microscope(self) -> _CameraAlone:
+    def _check_microscope(self) -> _CameraOnly:
         camera, array = self.camera, self.camera.microlenses
         if camera.kind != "microscope":
             return self
@@ -153,35 +153,35 @@ class _CameraAlone(Table):
             ("microlenses.pitch_um", array.pitch_um, PITCH),
             ("microlenses.focal_length_mm", focal, FOCAL_LENGTH_MM),
         ):
-            _in_range(f"camera.{key} = {{:g}}", value, limits)
+            _in_range(f"camera.{key} is {{:g}}; it", value, limits)
         _in_range(_F_NUMBER, 1e3 * focal / array.pitch_um, F_NUMBER)
         return self
 
 
-def _in_range(words: str, value: float, limits: Range) -> None:
-    """Refuse a value with these words before what is said of it."""
+def _in_range(prefix: str, value: float, limits: Range) -> None:
+    """Raise an error, which begins with ``prefix``, for a value outside its range."""
     try:
         limits.check(value)
     except ValueError as error:
-        raise ValueError(f"{words.format(value)} {error}") from None
+        raise ValueError(f"{prefix.format(value)} {error}") from None
 
 
 @dataclass(frozen=True)
 class MicroscopeFile:
     """Content of a file of a microscope.
 
-    The camera has a whole number of pixels a lenslet, ``binning`` (at least ``least``) times those
-    of the sensor; ``pixels`` is the file's own number. Frames that are not ``rectified`` have
-    `FINER` times as many. ``taken`` says what is assumed for values that the file leaves out;
-    ``voxels`` are those of a lenslet along an axis.
+    The camera has a whole number of pixels per lenslet: ``binning`` (at least ``min_binning``)
+    times the rectified frames, or `OVERSAMPLING` times frames that are not ``rectified``.
+    ``pixels`` is the number in the file, ``assumptions`` are sentences about missing values, and
+    ``voxels`` is the number of voxels per lenslet along an axis.
     """
 
     camera: CameraTable
     pixels: float
     rectified: bool = True
     binning: int = 1
-    least: int = 1
-    taken: tuple[str, ...] = ()
+    min_binning: int = 1
+    assumptions: tuple[str, ...] = ()
     slices: int | None = None
     um_per_slice: float | None = None
     voxels: int | None = None
@@ -200,47 +200,47 @@ def read_microscope_file(
     refuse_fourier(content, path)
     if "camera" in content:
         _check_not_both(content, path)
-        camera = validated(_CameraAlone, content, path).camera
+        camera = validated(_CameraOnly, content, path).camera
         if camera.kind != "microscope":
             raise FormatError(
-                f"{path} is of kind {camera.kind!r}, not 'microscope': {what_takes(camera.kind)}."
+                f"{path} has kind = {camera.kind!r}, not 'microscope': {support_of(camera.kind)}."
             )
         return replace(
             _simulable(camera, binning, pixels, rectified, path),
-            taken=_taken(camera, "medium_index", "tube_lens_mm"),
+            assumptions=_assumptions(camera, "medium_index", "tube_lens_mm"),
         )
-    if not KnownTable.model_fields.keys() & content.keys():
+    if not LFAnalyzeTable.model_fields.keys() & content.keys():
         raise FormatError(f"{path} has neither [camera] nor the names of LFAnalyze; {_PRINTED}.")
-    known = validated(KnownTable, content, path)
-    camera = known.camera()
+    table = validated(LFAnalyzeTable, content, path)
+    camera = table.camera()
     return replace(
-        _simulable(camera, binning, pixels or known.pixels_per_lenslet, rectified, path),
-        taken=_taken(known, "tubelens_focal_length"),
-        slices=known.num_slices,
-        um_per_slice=known.um_per_slice,
-        voxels=known.supersample,
+        _simulable(camera, binning, pixels or table.pixels_per_lenslet, rectified, path),
+        assumptions=_assumptions(table, "tubelens_focal_length"),
+        slices=table.num_slices,
+        um_per_slice=table.um_per_slice,
+        voxels=table.supersample,
     )
 
 
 def _check_not_both(content: dict[str, Any], path: Path) -> None:
-    """Refuse flat names beside ``[camera]``."""
-    stray = next((key for key in content if key in KnownTable.model_fields), None)
+    """Raise an error for names of LFAnalyze beside ``[camera]``."""
+    stray = next((key for key in content if key in LFAnalyzeTable.model_fields), None)
     if stray is not None:
         raise FormatError(
-            f"{path} has {stray} beside [camera]: give all in [camera], or all by the flat names, "
-            "among which a cover glass is cover = { thickness_um = 150 }."
+            f"{path} has {stray} beside [camera]: put all keys in [camera], or use the names of "
+            "LFAnalyze only, with cover = { thickness_um = 150 } for a cover glass."
         )
 
 
-def _taken(table: Table, *keys: str) -> tuple[str, ...]:
-    """Of these keys those that the file leaves out, in sentences."""
+def _assumptions(table: Table, *keys: str) -> tuple[str, ...]:
+    """Return a sentence about the default of each key that the file leaves out."""
     meaning = {
         "medium_index": "air; water is 1.33",
-        "tube_lens_mm": "no point image depends on it",
-        "tubelens_focal_length": "mm; no point image depends on it",
+        "tube_lens_mm": "without effect on point images",
+        "tubelens_focal_length": "mm; without effect on point images",
     }
     return tuple(
-        f"{key} is not given: {getattr(table, key):g} is taken ({meaning[key]})."
+        f"{key} is not given; the default is {getattr(table, key):g} ({meaning[key]})."
         for key in keys
         if key not in table.model_fields_set
     )
@@ -249,7 +249,7 @@ def _taken(table: Table, *keys: str) -> tuple[str, ...]:
 def _simulable(
     camera: CameraTable, binning: int | None, pixels: int | None, rectified: bool, path: Path
 ) -> MicroscopeFile:
-    """With a whole number of pixels a lenslet, in parts."""
+    """Return a camera with a whole number of pixels per lenslet that samples the light."""
     across, array = camera.pixels_across, camera.microlenses
     rectified &= array.lattice == "square" and len(array.focal_length_mm) == 1
     if not rectified:
@@ -258,47 +258,47 @@ def _simulable(
         pixels = whole_pixels(across)
     if not LEAST * across <= pixels <= PIXELS.high:
         raise FormatError(
-            f"{path} has {across:.5g} pixels a lenslet, and frames of {pixels} would step over "
-            f"light or are none: give {math.ceil(LEAST * across)} to {PIXELS.high:g}, or leave the "
-            "number out."
+            f"{path}: the number of pixels per lenslet must be {math.ceil(LEAST * across)} to "
+            f"{PIXELS.high:g} for frames with {across:.5g}, got {pixels}: change it, or leave it "
+            "out."
         )
     size = array.pitch_um / pixels
-    least = math.floor(size / _coarsest(camera)) + 1
+    min_binning = math.floor(size / _coarsest(camera)) + 1
     lenslet = (array.diameter_um or array.pitch_um, 1e3 * array.focal_length_mm[0])
     binning = binning or max(
-        least,
+        min_binning,
         suitable_binning(
             camera.na or 0, camera.magnification or 1, camera.wavelength_nm / 1e3, *lenslet, size
         ),
     )
     fine = camera.model_copy(update={"pixels_per_lenslet": float(pixels * binning)})
-    return MicroscopeFile(fine, across, rectified, binning, least)
+    return MicroscopeFile(fine, across, rectified, binning, min_binning)
 
 
 def _unrectified(
     camera: CameraTable, binning: int | None, pixels: int | None, path: Path
 ) -> MicroscopeFile:
-    """With finer pixels, in parts, for frames as they are."""
+    """Return a camera with finer pixels for frames that are not rectified."""
     if pixels is not None:
         raise FormatError(
-            f"{path}: pixels a lenslet are those of rectified frames, and these are not: leave "
-            "them out."
+            f"{path}: the number of pixels per lenslet applies to rectified frames only: leave it "
+            "out."
         )
-    pixels = math.ceil(round(FINER * camera.pixels_across, 6))
-    least = math.floor(camera.microlenses.pitch_um / (_coarsest(camera) * pixels)) + 1
-    binning = binning or max(least, PARTS)
+    pixels = math.ceil(round(OVERSAMPLING * camera.pixels_across, 6))
+    min_binning = math.floor(camera.microlenses.pitch_um / (_coarsest(camera) * pixels)) + 1
+    binning = binning or max(min_binning, MIN_PARTS)
     fine = camera.model_copy(update={"pixels_per_lenslet": float(pixels * binning)})
-    return MicroscopeFile(fine, camera.pixels_across, False, binning, least)
+    return MicroscopeFile(fine, camera.pixels_across, False, binning, min_binning)
 
 
 def whole_pixels(across: float) -> int:
-    """Pixels a lenslet of rectified frames: the nearest number within a tenth, else the next."""
+    """Round the number of pixels per lenslet to the nearest within 0.1, else up."""
     nearest = round(across)
-    return nearest if abs(across - nearest) <= NEAR else math.ceil(across)
+    return nearest if abs(across - nearest) <= MAX_DEVIATION else math.ceil(across)
 
 
 def _coarsest(camera: CameraTable) -> float:
-    """Pixels below this size, in um, sample the light: see `check_sampling`."""
+    """Return the largest pixel size in um that samples the light; see `check_sampling`."""
     array = camera.microlenses
     slope = (camera.na or 0) / (camera.magnification or 1)
     slope += (array.diameter_um or array.pitch_um) / (2e3 * min(array.focal_length_mm))

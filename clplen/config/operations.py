@@ -16,30 +16,30 @@ from clplen.settings.reading import ReadingSettings
 LayoutTable: Any = table_of(
     "LayoutTable",
     __name__,
-    "``[inputs.layout]``: the arguments of `clplen.read_lightfield`.",
+    "``[inputs.layout]``: arguments of `clplen.read_lightfield`.",
     ReadingSettings,
 )
 DepthTable: Any = table_of(
     "DepthTable",
     __name__,
-    "``[depth]``: the depth map; the arguments of `clplen.depth_map`.",
+    "``[depth]``: a depth map; arguments of `clplen.depth_map`.",
     DepthSettings,
 )
 AllInFocusTable: Any = table_of(
     "AllInFocusTable",
     __name__,
-    "``[all_in_focus]``: a picture sharp everywhere; by the depth map where there is one.",
+    "``[all_in_focus]``: an all-in-focus picture; uses the map of ``[depth]`` if present.",
     AllInFocusSettings,
 )
 ViewsTable: Any = table_of(
     "ViewsTable",
     __name__,
-    "``[views]``: single views, (v, u) from 0, fractions too; without ``at`` the centre view.",
+    "``[views]``: single views (v, u), also fractional; the centre view by default.",
     ViewSettings,
 )
 StackTable: Any = table_of(
     "StackTable",
     __name__,
-    "``[stack]``: the focal stack; the arguments of `clplen.focal_stack`.",
+    "``[stack]``: a focal stack; arguments of `clplen.focal_stack`.",
     StackSettings,
 )

@@ -1,4 +1,4 @@
-"""The tables of a camera file on its scene and its light."""
+"""Tables ``[scene]`` and ``[coherence]`` of a camera file."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ from clplen.wave.spectrum.spectral_distribution import SpectralDistribution
 from clplen.wave.spectrum.spectrum import Spectrum
 
 GREY = (0.2126, 0.7152, 0.0722)  # R, G, B: luminance (Rec. ITU-R BT.709)
-OF_POINTS = ("diameter_um", "power")
+POINT_KEYS = ("diameter_um", "power")
 
 Values = np.ndarray[Any, Any]
 logger = logging.getLogger(__name__)
 
 
 class PictureTable(Table):
-    """``[[scene.pictures]]``."""
+    """``[[scene.pictures]]``: a flat picture."""
 
     file: File
     width_mm: Positive
@@ -50,7 +50,7 @@ class PictureTable(Table):
     opacity_file: File | None = None
 
     def build(self) -> PicturePlane:
-        """The picture in grey and linear light, in SI units."""
+        """Return the picture in grey and linear light, in SI units."""
         stored = read_picture(self.file)
         try:
             plane = PicturePlane(
@@ -74,7 +74,7 @@ class PictureTable(Table):
         return plane
 
     def _opacity(self) -> Values | None:
-        """Of the file's samples, white stops all light."""
+        """Read the opacity of the samples, 1 for white."""
         if self.opacity_file is None:
             return None
         return _grey(_linear(read_picture(self.opacity_file), False))
@@ -84,7 +84,7 @@ Point = Annotated[tuple[Finite, Finite, Finite], of(3, "three numbers, [x, y, z]
 
 
 class SceneTable(Table):
-    """``[scene]``."""
+    """``[scene]``: point sources and pictures."""
 
     points_mm: Annotated[list[Point], Field(min_length=1)] | None = None
     diameter_um: NotNegative = 0.0
@@ -95,19 +95,19 @@ class SceneTable(Table):
     def _not_empty(self) -> SceneTable:
         if self.points_mm is not None:
             return self
-        stray = [key for key in OF_POINTS if key in self.model_fields_set]
+        stray = [key for key in POINT_KEYS if key in self.model_fields_set]
         if stray:
-            raise ValueError(f"has {stray[0]}, which belongs to points_mm, and there are none")
+            raise ValueError(f"has {stray[0]}, which needs points_mm")
         if not self.pictures:
-            raise ValueError("is empty: give points_mm, or tables [[scene.pictures]], or both")
+            raise ValueError("is empty: give points_mm or [[scene.pictures]]")
         return self
 
     def slides(self) -> list[int]:
-        """Which pictures are slides, counted from 0."""
-        return [i for i, one in enumerate(self.pictures) if one.mode == "transmission"]
+        """Return the indices of the pictures that are slides."""
+        return [i for i, picture in enumerate(self.pictures) if picture.mode == "transmission"]
 
     def build(self) -> list[PointSources | PicturePlane]:
-        """The point sources, if any, and the pictures, in SI units."""
+        """Return the point sources, if any, and the pictures in SI units."""
         parts: list[PointSources | PicturePlane] = []
         if self.points_mm is not None:
             positions = [tuple(value / 1e3 for value in point) for point in self.points_mm]
@@ -120,13 +120,12 @@ class SceneTable(Table):
 
 
 def _linear(values: Values, srgb: bool) -> Values:
-    """Stored values as linear light, float64.
+    """Convert stored values to linear light, float64; sRGB by IEC 61966-2-1 (1999), eqs 5 and 6.
 
-    Whole numbers are divided by the largest of their type, or by 1 if there are only 0 and 1, a
-    picture of one bit; floats stay. sRGB is decoded by IEC 61966-2-1 (1999), eqs 5 and 6.
+    Integers are divided by the maximum of their type, or by 1 for one-bit pictures; floats stay.
     """
     if srgb and values.dtype != np.uint8:
-        raise ValueError(f"srgb = true decodes 8-bit values, not {values.dtype}: leave it out.")
+        raise ValueError(f"srgb = true needs 8-bit values, got {values.dtype}: leave it out.")
     if values.dtype.kind == "f":
         return values.astype(np.float64)
     full = 1 if values.max() <= 1 else np.iinfo(values.dtype).max
@@ -137,13 +136,13 @@ def _linear(values: Values, srgb: bool) -> Values:
 
 
 def _grey(values: Values) -> Values:
-    """Luminance of linear colours, rounded to no more than the brightest of the three."""
+    """Return the luminance of linear colours, at most the maximum of the three."""
     if values.ndim == 2:
         return values
     return np.minimum(values @ np.array(GREY), values.max(axis=2))
 
 
-# What says how coherent the light is, and the keys that only it has and needs.
+# Keys that are valid for a single spatial model, and keys that a model requires.
 KEYS = {
     "mask": ("cell_um", "kernel", "kind"),
     "source": ("source_size_mm", "source_distance_mm"),
@@ -153,7 +152,7 @@ SPECTRA = ("spectrum", "fwhm_nm", "spectrum_file", "lines_nm")
 
 
 class CoherenceTable(Table):
-    """``[coherence]``."""
+    """``[coherence]``: spatial coherence and spectrum of the light."""
 
     spatial: Literal["coherent", "incoherent", "mask", "source"] = "coherent"
     cell_um: (
@@ -180,47 +179,48 @@ class CoherenceTable(Table):
         for spatial, keys in KEYS.items():
             stray = [key for key in keys if key in self.model_fields_set]
             if stray and self.spatial != spatial:
-                raise ValueError(f"has {stray[0]}, which belongs to spatial = {spatial!r}")
+                raise ValueError(f"has {stray[0]}, which applies to spatial = {spatial!r} only")
         missing = [key for key in NEEDED.get(self.spatial, ()) if getattr(self, key) is None]
         if missing:
             raise ValueError(f"needs {' and '.join(missing)} for spatial = {self.spatial!r}")
         stray = [key for key in ("snapshots", "rtol") if key in self.model_fields_set]
         if stray and not self.is_random:
             raise ValueError(
-                f"has {stray[0]}, but a plane wave is the same in every snapshot: leave it out, or "
+                f"has {stray[0]}, but all snapshots of a plane wave are equal: leave it out, or "
                 "set spatial"
             )
         return self
 
     @model_validator(mode="after")
     def _one_spectrum(self) -> CoherenceTable:
-        given = [key for key in SPECTRA if getattr(self, key) is not None]
-        if len(given) > 1:
-            raise ValueError(f"has {' and '.join(given)}, two spectra: leave one out")
+        spectra = [key for key in SPECTRA if getattr(self, key) is not None]
+        if len(spectra) > 1:
+            raise ValueError(f"has {' and '.join(spectra)}, but needs a single spectrum")
         sampled = self.spectrum != "mercury" and self.lines_nm is None
-        if self.wavelengths is not None and not (given and sampled):
+        if self.wavelengths is not None and not (spectra and sampled):
             raise ValueError(
-                "has wavelengths, which belongs to fwhm_nm, spectrum_file or a smooth spectrum"
+                "has wavelengths, which needs fwhm_nm, spectrum_file or a smooth spectrum"
             )
         if self.line_powers is not None:
             lines = 0 if self.lines_nm is None else len(self.lines_nm)
             if len(self.line_powers) != lines:
                 raise ValueError(
-                    f"has {len(self.line_powers)} line_powers for {lines} lines_nm: give one each"
+                    f"must have as many line_powers as lines_nm, {lines}, got "
+                    f"{len(self.line_powers)}"
                 )
         return self
 
     @property
     def is_random(self) -> bool:
-        """Whether the light is a mean over snapshots."""
+        """Flag that the light is a mean over random snapshots."""
         return self.spatial != "coherent"
 
     def of_slides(self) -> list[str]:
-        """The keys that were given and make sense for slides only."""
+        """Return the keys in use that apply to slides only."""
         return ["spatial"] * self.is_random + ["koehler"] * ("koehler" in self.model_fields_set)
 
     def build(self, wavelength: float) -> Coherence:
-        """The light, in SI units."""
+        """Return the light in SI units."""
         return Coherence(
             self._spatial(),
             self._spectrum(wavelength),

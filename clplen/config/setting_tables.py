@@ -16,62 +16,62 @@ Model = TypeVar("Model")
 
 
 def table_of(name: str, module: str, doc: str, *models: type, **more: Any) -> Any:
-    """Return the table of a module with the keys of some settings models, checked as they check.
+    """Return a table class with the keys and checks of settings models.
 
-    ``more`` are fields of its own, as of ``pydantic.create_model``, which come first.
+    ``more`` are additional fields, as in ``pydantic.create_model``; they precede the others.
     """
 
-    def go_together(table: Table) -> Table:
+    def check_models(table: Table) -> Table:
         values = table.model_dump(include={key for key in fields if key not in more})
         for model in models:
             take_settings(model, values)
         return table
 
     fields = more | setting_fields(*models)
-    validators: Any = {"_go_together": model_validator(mode="after")(go_together)}
+    validators: Any = {"_go_together": model_validator(mode="after")(check_models)}
     about: Any = {"__module__": module, "__doc__": doc, "__validators__": validators}
     return create_model(name, __base__=Table, **about, **fields)
 
 
 def setting_fields(*models: type) -> dict[str, Any]:
     """Return the fields of a table with the keys of some models, for ``pydantic.create_model``."""
-    found = {}
+    result = {}
     for model in models:
         hints = get_type_hints(model)
-        for one in settings_of(model):
-            kind: Any = _kind(one, hints[one.name])
-            checked = Annotated[kind, BeforeValidator(_checker(one))]
+        for entry in settings_of(model):
+            kind: Any = _kind(entry, hints[entry.name])
+            checked = Annotated[kind, BeforeValidator(_checker(entry))]
             field = setting(
-                one.default, one.help, example=one.example, default_text=one.default_text
+                entry.default, entry.help, example=entry.example, default_text=entry.default_text
             )
-            found[one.key] = (checked, field)
-    return found
+            result[entry.key] = (checked, field)
+    return result
 
 
-def _kind(one: Setting, hint: Any) -> Any:
+def _kind(entry: Setting, hint: Any) -> Any:
     """Return the type of a key, with its choices and bounds for tables of the documentation."""
-    if one.kind is Path:
+    if entry.kind is Path:
         return str | None
-    kind: Any = one.kind
-    if one.kind is str and one.choices:
-        kind = Literal.__getitem__(one.choices)
-    elif one.kind in (int, float) and not (one.choices or one.pair or one.check):
-        kind = Annotated[kind, Field(ge=one.minimum, gt=one.above)]
+    kind: Any = entry.kind
+    if entry.kind is str and entry.choices:
+        kind = Literal.__getitem__(entry.choices)
+    elif entry.kind in (int, float) and not (entry.choices or entry.pair or entry.check):
+        kind = Annotated[kind, Field(ge=entry.minimum, gt=entry.above)]
     else:
         return hint
-    return kind if one.default is not None else kind | None
+    return kind if entry.default is not None else kind | None
 
 
-def _checker(one: Setting) -> Callable[[Any], Any]:
-    return lambda value: one.read(value)
+def _checker(entry: Setting) -> Callable[[Any], Any]:
+    return lambda value: entry.read(value)
 
 
 def take_settings(model: type[Model], table: dict[str, Any], folder: Path | None = None) -> Model:
-    """Take the values of a model out of a table; names of files are seen from a folder."""
+    """Remove the values of a model from a table; resolve file names against a folder."""
     values = {}
-    for one in settings_of(model):
-        value = one.in_metres(table.pop(one.key, one.default))
-        if one.kind is Path and value is not None and folder is not None:
+    for entry in settings_of(model):
+        value = entry.in_metres(table.pop(entry.key, entry.default))
+        if entry.kind is Path and value is not None and folder is not None:
             value = Path(folder, value)
-        values[one.name] = value
+        values[entry.name] = value
     return model(**values)

@@ -1,4 +1,4 @@
-"""Keys of TOML files with their help sentences, and commented files that show them all."""
+"""Keys of TOML files with their help sentences, and commented example files."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from pydantic.fields import FieldInfo
 from clplen.config.tables import Count, Table, model_in
 from clplen.units import bytes_of
 
-_COLUMN, _WIDTH = 32, 100  # of the comments in a commented file, and of its lines
+_COLUMN, _WIDTH = 32, 100  # column of the comments in a commented file, and width of its lines
 
 
 def setting(default: Any, help: str, *, default_text: str = "", example: Any = None) -> Any:
-    """Declare a key of a table; ``...`` as the default makes it required.
+    """Declare a key of a table; the default ``...`` makes it required.
 
-    ``help`` is one sentence. ``default_text`` describes a default of None; ``example`` is the value
-    that a commented file shows.
+    ``help`` is a sentence. ``default_text`` describes a default of None; ``example`` is the value
+    in commented files.
     """
     extra: Any = {"default_text": default_text}
     return Field(default, description=help, examples=[example], json_schema_extra=extra)
 
 
 def default_of(field: FieldInfo) -> str:
-    """Return the default in words; empty where the field is required or a switch that is off."""
+    """Return the default as text; empty for required fields and for False."""
     if field.is_required() or field.default is False:
         return ""
     if field.default is None:
@@ -40,37 +40,37 @@ def default_of(field: FieldInfo) -> str:
 def commented(
     model: type[Table],
     *,
-    shown: dict[str, Any],
+    active: dict[str, Any],
     examples: dict[str, Any],
     hidden: Collection[str] = (),
 ) -> Iterator[str]:
-    """Yield the lines of a commented file that show all keys of a model.
+    """Yield the lines of a commented file with all keys of a model, except ``hidden`` keys.
 
-    Keys of ``shown`` are given with their values; the others are commented out, with the value of
-    ``examples``, else with that of the field. Those of ``hidden`` are left out.
+    Keys in ``active`` have their values there. Other keys are commented out, with the value from
+    ``examples`` or of the field.
     """
     for name, field in model.model_fields.items():
-        value = shown.get(name, examples.get(name, (field.examples or [None])[0]))
+        value = active.get(name, examples.get(name, (field.examples or [None])[0]))
         if name in hidden or model_in(field.annotation) is not None:
-            continue  # the latter is a table of its own
+            continue  # nested tables have their own section
         text = json.dumps(field.default if value is None else value)
-        words = [field.description or ""]
+        sentences = [field.description or ""]
         choices = choices_of(field.annotation)
         if len(choices) > 1:
-            words.append(f"One of {', '.join(choices)}.")
+            sentences.append(f"One of {', '.join(choices)}.")
         default = default_of(field)
         if field.is_required():
-            words.insert(0, "Needed.")
+            sentences.insert(0, "Required.")
         elif default and default != text.strip('"'):
-            words.append(f"Default: {default}.")
-        line = f"{'' if name in shown else '# '}{name} = {text}"
-        notes = textwrap.wrap(" ".join(words), _WIDTH - _COLUMN - 2)
+            sentences.append(f"Default: {default}.")
+        line = f"{'' if name in active else '# '}{name} = {text}"
+        notes = textwrap.wrap(" ".join(sentences), _WIDTH - _COLUMN - 2)
         yield f"{line:<{_COLUMN - 1}} # {notes[0]}"
         yield from (f"{'':<{_COLUMN}}# {note}" for note in notes[1:])
 
 
 def choices_of(annotation: Any) -> list[str]:
-    """Return the texts that an annotation with a `Literal` allows."""
+    """Return the values of all `Literal` types in an annotation."""
     if get_origin(annotation) is Literal:
         return list(get_args(annotation))
     return [text for part in get_args(annotation) for text in choices_of(part)]

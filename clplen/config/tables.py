@@ -1,4 +1,4 @@
-"""Tables of TOML files: types of their values, reading, and messages about wrong keys."""
+"""Tables of TOML files: types of values, reading and validation messages."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ else:
     import tomli as tomllib
 
 Model = TypeVar("Model", bound=BaseModel)
-# What values must be, where pydantic's words are of Python: by its names of errors.
+# Conditions in the terms of TOML, by pydantic's names of errors.
 _EXPECTED = {
     "model_type": "must be a table",
     "dict_type": "must be a table",
@@ -42,9 +42,9 @@ _EXPECTED = {
     "too_long": "must have {max_length} or fewer values",
 }
 
-MAX_TOML_BYTES = 1 << 24  # 16 MiB: a job with 100 000 file names takes 10
-MAX_KEY_PARTS = 32  # of a dotted key; tomllib's time grows with their square
-_TOKEN = re.compile(  # the end of a string is optional, so that no character is read twice
+MAX_TOML_BYTES = 1 << 24  # 16 MiB; a job with 100 000 file names has 10
+MAX_KEY_PARTS = 32  # parts of a dotted key; the time of tomllib grows with their square
+_TOKEN = re.compile(  # the end of a string is optional, so that matching takes linear time
     r"""\"{3}(?:\\.|[^\\])*?(?:\"{3}|\Z)|'{3}.*?(?:'{3}|\Z)"""  # strings of several lines
     r"""|(?P<part>"(?:\\.|[^"\\\n])*"?|'[^'\n]*'?|[\w-]+)|(?P<dot>\.)|(?P<blank>[ \t]+)"""
     r"""|\#[^\n]*|.""",
@@ -53,25 +53,27 @@ _TOKEN = re.compile(  # the end of a string is optional, so that no character is
 
 
 def read_toml(path: Path, what: str) -> dict[str, Any]:
-    """The content of a TOML file."""
+    """Read the content of a TOML file; ``what`` names the file in messages."""
     if not path.is_file():
         raise FormatError(f"There is no {what}.")
     if path.stat().st_size > MAX_TOML_BYTES:
-        raise FormatError(f"{path} has more than {MAX_TOML_BYTES:,} bytes: name a TOML file.")
+        raise FormatError(
+            f"{path} must be a TOML file of at most {MAX_TOML_BYTES:,} bytes: check its name."
+        )
     try:
         text = path.read_text(encoding="utf-8-sig")
         _require_short_keys(text, path)
         return tomllib.loads(text)
     except UnicodeDecodeError as error:
-        raise FormatError(f"{path} is no text, so no TOML: is it another file?") from error
+        raise FormatError(f"{path} is not a text file: give a TOML file.") from error
     except RecursionError as error:
         raise FormatError(f"{path} nests arrays or tables too deeply: flatten them.") from error
-    except ValueError as error:  # of TOML, and whole numbers of more digits than Python reads
+    except ValueError as error:  # invalid TOML, or integers with more digits than Python reads
         raise FormatError(f"{path} is not TOML: {str(error).rstrip('.')}.") from error
 
 
 def _require_short_keys(text: str, path: Path) -> None:
-    """Refuse a key such as ``a.b.c`` of more parts than tomllib reads in reasonable time."""
+    """Raise an error for a dotted key with too many parts to be read in reasonable time."""
     if all(line.count(".") < MAX_KEY_PARTS for line in text.split("\n")):
         return
     dots = 0
@@ -85,36 +87,36 @@ def _require_short_keys(text: str, path: Path) -> None:
 
 
 def validated(model: type[Model], content: dict[str, Any], path: Path) -> Model:
-    """A file's content as a model; names of files in it are seen from its folder."""
+    """Validate the content of a file; resolve file names in it against its folder."""
     try:
         with arguments_as("file"):
             return model.model_validate(content, context={"folder": path.parent})
     except ValidationError as error:
-        said = problems_of(model, error)
-        raise FormatError(f"{path}: {said}{'' if said.endswith('?') else '.'}") from error
+        problems = problems_of(model, error)
+        raise FormatError(f"{path}: {problems}{'' if problems.endswith('?') else '.'}") from error
 
 
 def problems_of(model: type[BaseModel], error: ValidationError) -> str:
-    """What pydantic found, in words."""
-    return "; ".join(dict.fromkeys(_problem(model, one) for one in error.errors()))
+    """Return the errors of a validation as text."""
+    return "; ".join(dict.fromkeys(_problem(model, entry) for entry in error.errors()))
 
 
 def _problem(model: type[BaseModel], error: Any) -> str:
-    """One finding."""
+    """Return an error of pydantic as text."""
     path = [str(part) for part in error["loc"]]
     key = ".".join(path)
     if error["type"] == "missing":
         return f"{key} is missing"
     if error["type"] != "extra_forbidden":
         return _wrong_value(error)
-    known = list(_table_at(model, path[:-1]).model_fields)
-    near = difflib.get_close_matches(path[-1], known, n=1, cutoff=0.5)
-    hint = f"did you mean {near[0]}?" if near else f"known here are {', '.join(known)}"
+    valid = list(_table_at(model, path[:-1]).model_fields)
+    near = difflib.get_close_matches(path[-1], valid, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]}?" if near else f"the keys are {', '.join(valid)}"
     return f"unknown key {key}; {hint}"
 
 
 def _table_at(model: type[BaseModel], path: list[str]) -> type[BaseModel]:
-    """The model of a table in a table."""
+    """Return the model of a nested table."""
     for name in path:
         if name in model.model_fields:
             model = model_in(model.model_fields[name].annotation) or model
@@ -125,22 +127,22 @@ def model_in(annotation: Any) -> type[BaseModel] | None:
     """Return the model in an annotation such as ``list[Table] | None``."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
-    return next((found for part in get_args(annotation) if (found := model_in(part))), None)
+    return next((model for part in get_args(annotation) if (model := model_in(part))), None)
 
 
 def _wrong_value(error: Any) -> str:
-    """Describe a wrong value, or values of a whole table that exclude each other."""
+    """Describe a wrong value, or conflicting values of a table."""
     context = error.get("ctx", {})
     cause = context.get("error")
     if isinstance(cause, SettingError):
         return f"{_key(error)}.{cause.key} {cause.condition}".lstrip(".")
     if error["type"] == "greater_than" and context["gt"] == 0:
-        said = "must be a positive number"
+        condition = "must be a positive number"
     elif error["type"] in _EXPECTED:
-        said = _EXPECTED[error["type"]].format(**context)
+        condition = _EXPECTED[error["type"]].format(**context)
     else:
-        said = error["msg"].removeprefix("Value error, ").replace("Input should", "must", 1)
-    sentence = f"{_key(error)} {said[0].lower()}{said[1:]}".lstrip()
+        condition = error["msg"].removeprefix("Value error, ").replace("Input should", "must", 1)
+    sentence = f"{_key(error)} {condition[0].lower()}{condition[1:]}".lstrip()
     is_table = error["type"] == "value_error" and isinstance(error["input"], dict)
     if is_table:
         return sentence
@@ -149,14 +151,14 @@ def _wrong_value(error: Any) -> str:
 
 
 def _key(error: Any) -> str:
-    """Where it was found: without the place in a pair of numbers, where the value tells enough."""
+    """Return the key of an error, without the index in a pair of numbers."""
     path = list(error["loc"])
     if path and isinstance(path[-1], int) and error["type"] != "value_error":
         path.pop()
     return ".".join(map(str, path))
 
 
-# Strict: "120", true and 101.5 are no whole numbers here.
+# Strict types: "120", true and 101.5 are not accepted as whole numbers.
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True)]
 Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
@@ -166,53 +168,53 @@ Switch = Annotated[bool, Field(strict=True)]
 
 
 def twice(value: Any) -> Any:
-    """One number for rows and columns."""
+    """Repeat a single number for rows and columns."""
     return value if isinstance(value, list) else [value, value]
 
 
 def listed(value: Any) -> Any:
-    """One number where there may be several."""
+    """Wrap a single value in a list."""
     return value if isinstance(value, list) else [value]
 
 
-def of(count: int, words: str) -> BeforeValidator:
-    """Refuse, in these words, what is no list of so many values."""
+def of(count: int, condition: str) -> BeforeValidator:
+    """Return a validator that requires a list of ``count`` values."""
 
     def check(value: Any) -> Any:
         if not isinstance(value, list) or len(value) != count:
-            raise ValueError(f"must be {words}")
+            raise ValueError(f"must be {condition}")
         return value
 
     return BeforeValidator(check)
 
 
-def _there(value: Any, info: ValidationInfo) -> Path:
-    """The path of a file that is there; names are seen from the folder of the camera file."""
+def _existing_file(value: Any, info: ValidationInfo) -> Path:
+    """Return the path of an existing file, resolved against the folder of the camera file."""
     if not isinstance(value, str):
         raise ValueError("must be the name of a file")
     path = Path((info.context or {}).get("folder", "."), value)
     try:
-        is_there = path.is_file()
-    except (OSError, ValueError):  # a name that no disk takes
-        is_there = False
-    if not is_there:
-        raise ValueError(f"must name a file, and there is none at {path}")
+        exists = path.is_file()
+    except (OSError, ValueError):  # raised for invalid file names
+        exists = False
+    if not exists:
+        raise ValueError(f"must be an existing file, but {path} does not exist")
     return path
 
 
-File = Annotated[Path, BeforeValidator(_there)]
+File = Annotated[Path, BeforeValidator(_existing_file)]
 
 
-# Units of keys, as the number by which a value is divided: 200 / 1e6 is 0.0002, while 200 * 1e-6
-# is 0.00019999999999999998.
+# Divisors of the units of keys. Division rounds correctly: 200 / 1e6 is 0.0002, while 200 * 1e-6 is
+# 0.00019999999999999998.
 _SI = {"nm": 1e9, "um": 1e6, "mm": 1e3, "m": 1.0, "mrad": 1e3, "deg": None}
 _SI |= {"electrons": 1.0, "s": 1.0}
 
 
 def _scaled(value: Any, unit: str) -> Any:
-    """Return a number in SI units, or a list or tuple of numbers; None stays."""
+    """Convert a number, or a list or tuple of numbers, to SI units; None stays None."""
     if isinstance(value, list | tuple):
-        return type(value)(_scaled(one, unit) for one in value)
+        return type(value)(_scaled(number, unit) for number in value)
     if value is None:
         return None
     by = _SI[unit]
@@ -220,29 +222,29 @@ def _scaled(value: Any, unit: str) -> Any:
 
 
 class Table(BaseModel):
-    """A table of the file; keys that it does not know are refused."""
+    """Table of a TOML file; unknown keys are rejected."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     def in_si(self, *left_out: str) -> dict[str, Any]:
-        """Return the values by name without the unit, in SI units; tables are built by `build`."""
-        found = {}
+        """Return the values in SI units, by names without units; nested tables stay as they are."""
+        values = {}
         for name in type(self).model_fields:
             stem, _, unit = name.rpartition("_")
             is_length = bool(stem) and unit in _SI
             if name not in left_out:
                 value = getattr(self, name)
-                found[stem if is_length else name] = _scaled(value, unit) if is_length else value
-        return found
+                values[stem if is_length else name] = _scaled(value, unit) if is_length else value
+        return values
 
     def __repr__(self) -> str:
-        known = [name for name in type(self).model_fields if name in self.model_fields_set]
-        return one_line(self, {name: getattr(self, name) for name in known})
+        names = [name for name in type(self).model_fields if name in self.model_fields_set]
+        return one_line(self, {name: getattr(self, name) for name in names})
 
 
 @contextmanager
 def value_of(key: str) -> Iterator[None]:
-    """Put the key before what is said about its value."""
+    """Prepend a key to error messages about its value."""
     try:
         yield
     except (ValueError, ClplenError) as error:

@@ -1,1 +1,1 @@
-"""Light fields, stacks and volumes shown in a browser: pages, a local server, a notebook."""
+"""Viewer of light fields, stacks and volumes: pages, a local server, a notebook widget."""

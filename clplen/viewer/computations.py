@@ -1,4 +1,4 @@
-"""Computations that pages ask for: one at a time, in order, dropped where a newer one came."""
+"""Queue of the computations that pages request; a newer request replaces an older one."""
 
 from __future__ import annotations
 
@@ -17,35 +17,34 @@ Progress = Callable[[float, str], None]
 Answer = tuple[dict[str, Any], list[bytes]]
 Compute = Callable[[dict[str, Any], Progress], Answer]
 
-MOST_WAITING = 32
-_WAIT = 0.5  # seconds after which a page that waits is told so, and found if it is gone
-_BUSY = "The computer is busy: try again when the present computations are done."
+MAX_WAITING = 32  # requests in the queue
+_WAIT = 0.5  # interval of progress messages to waiting pages in seconds; detects closed pages
+_BUSY = "The device is busy: try again when the current computations are done."
 
 
 class OvertakenError(Exception):
-    """A request that a newer one of its channel overtook, or whose page is gone."""
+    """Cancellation of a request: a newer one replaced it, or its page was closed."""
 
 
 class BusyError(Exception):
-    """More requests wait than are taken."""
+    """Rejection of a request because the queue is full."""
 
 
 @dataclass(eq=False)
 class Request:
-    """A computation that a page asked for."""
+    """Computation requested by a page."""
 
-    channel: tuple[str, str]  # page and purpose: a newer request of the same channel drops this one
-    # Set when it shall not be computed, or not to its end.
-    overtaken: threading.Event = field(default_factory=threading.Event)
+    channel: tuple[str, str]  # page and purpose; a newer request of the channel replaces this one
+    overtaken: threading.Event = field(default_factory=threading.Event)  # set to cancel it
 
     def check(self) -> None:
-        """Raise `OvertakenError` if it was."""
+        """Raise `OvertakenError` if the request was cancelled."""
         if self.overtaken.is_set():
             raise OvertakenError
 
 
 class Computations:
-    """A queue for one device, in the order of arrival."""
+    """Queue of computations on a device, in order of arrival."""
 
     def __init__(self, compute: Compute) -> None:
         self._compute = compute
@@ -53,12 +52,12 @@ class Computations:
         self._turn = threading.Condition()
 
     def run(self, request: Request, body: dict[str, Any], progress: Progress) -> Answer:
-        """Wait for the device, and compute."""
+        """Wait for the device, then compute."""
         with self._turn:
             for other in self._waiting:
                 if other.channel == request.channel:
                     other.overtaken.set()
-            if len(self._waiting) >= MOST_WAITING:
+            if len(self._waiting) >= MAX_WAITING:
                 raise BusyError(_BUSY)
             self._waiting.append(request)
             self._turn.notify_all()
@@ -67,9 +66,9 @@ class Computations:
                 progress(0.0, "Waiting for the device")
             request.check()
 
-            def report(share: float, what: str) -> None:
+            def report(fraction: float, what: str) -> None:
                 request.check()
-                progress(share, what)
+                progress(fraction, what)
 
             return self._compute(body, report)
         finally:
@@ -78,14 +77,14 @@ class Computations:
                 self._turn.notify_all()
 
     def _has_turn(self, request: Request) -> bool:
-        """Wait a while; whether the request is the next, or dropped."""
+        """Wait for a moment; return True if the request is next or cancelled."""
         with self._turn:
             return self._turn.wait_for(
                 lambda: request.overtaken.is_set() or self._waiting[0] is request, _WAIT
             )
 
     def end(self) -> None:
-        """Drop everything that waits or runs."""
+        """Cancel all waiting and running requests."""
         with self._turn:
             for request in self._waiting:
                 request.overtaken.set()
@@ -93,7 +92,7 @@ class Computations:
 
 
 def sentence_of(error: Exception) -> str:
-    """What a page says of an error; the traceback of one that was not foreseen is logged."""
+    """Return the message of an error for a page; log unexpected errors with their traceback."""
     opencl = sys.modules.get("pyopencl")
     expected = [ClplenError, ValueError, OSError, MemoryError, BusyError]
     if opencl is not None:

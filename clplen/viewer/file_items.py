@@ -1,4 +1,4 @@
-"""What files hold, as items of a page: light fields, raw images, stacks, volumes, maps."""
+"""Items of a page from files: light fields, raw images, stacks, volumes, maps."""
 
 from __future__ import annotations
 
@@ -25,40 +25,49 @@ Values = np.ndarray[Any, Any]
 Item = dict[str, Any]
 
 _SERIES = (".tif", ".tiff", ".zarr")
-_MOST_SAMPLES = 40_000_000  # of a page whose light field is read part by part
-# Options that tell that a file is a light field.
-_TELLING = ("views", "pattern", "white", "grid", "calibration", "order", "positions", "lattice")
+MAX_SAMPLES = 40_000_000  # of a light field in tiles; keeps the page small enough for browsers
+# Options that apply to light fields only.
+_LIGHT_FIELD_OPTIONS = (
+    "views",
+    "pattern",
+    "white",
+    "grid",
+    "calibration",
+    "order",
+    "positions",
+    "lattice",
+)
 
 
 class FocusedImage(Protocol):
-    """A raw image of a focused camera, and the white image of its camera where one is given."""
+    """Raw image of a focused camera, with the white image of the camera if available."""
 
     raw: Any
     white: Values | None
 
     @property
     def flat(self) -> Values | None:
-        """The white image, of one channel."""
+        """White image with a single channel."""
 
 
 @dataclass(frozen=True)
 class PageBuilder:
-    """How files become the items of a page."""
+    """Builder of the items of a page from files."""
 
-    content: Content  # what items are added to
+    content: Content  # receives the items
     options: PageOptions
-    layout: dict[str, Any]  # words of layout as the command line has them
-    selector: str | None  # of the device
-    depth: bool  # whether the depth map of a light field is computed
+    layout: dict[str, Any]  # layout settings of the command line
+    selector: str | None  # device
+    depth: bool  # True to compute the depth maps of light fields
     # Path -> `FocusedImage` and its planes m, or None for other files.
     focused: Callable[[Path], tuple[FocusedImage, Values] | None]
-    note: Callable[[str], None]  # says a sentence to the user
-    depth_file: Path | None = None  # where the depth map is read from instead
-    # Bytes for a light field that is read part by part, of which the page has coarser views.
+    note: Callable[[str], None]  # prints a note for the user
+    depth_file: Path | None = None  # depth map to read instead of computing it
+    # Memory limit in bytes for light fields in tiles, whose views are downscaled in the page.
     memory: int | None = None
-    # Files that stay open as long as the page is served.
-    held: ExitStack = field(default_factory=ExitStack)
-    # Those that were shown, in the order of their items.
+    # Files that stay open while the page is served.
+    open_files: ExitStack = field(default_factory=ExitStack)
+    # Light fields of the page, in the order of their items.
     light_fields: list[LightField | StoredLightField] = field(default_factory=list)
 
     def device(self) -> Device:
@@ -67,26 +76,26 @@ class PageBuilder:
         return Device.open(self.selector)
 
     def items(self, source: Path) -> list[Item]:
-        """The items of a file or folder."""
+        """Return the items of a file or folder."""
         if not source.exists():
-            raise FormatError(f"There is no file or folder {source}.")
-        focused = None if self._is_ordinary(source) else self.focused(source)
+            raise FormatError(f"The file or folder {source} does not exist: check its name.")
+        focused = None if self._is_standard_raw(source) else self.focused(source)
         if focused is not None:
-            return self._of_focused(*focused, source.stem)
-        meant = any(self.layout[word] for word in _TELLING)
-        item = None if meant else self._described(source)
+            return self._focused_items(*focused, source.stem)
+        is_light_field = any(self.layout[name] for name in _LIGHT_FIELD_OPTIONS)
+        item = None if is_light_field else self._self_describing_item(source)
         if item is not None:
             return [item]
         try:
             return [self.light_field(source)]
         except (ClplenError, ValueError):
-            item = None if meant else self._undescribed(source)
+            item = None if is_light_field else self._plain_item(source)
             if item is None:
                 raise
             return [item]
 
-    def _is_ordinary(self, source: Path) -> bool:
-        """Whether a raw image is that of a 1.0 camera, which decodes to a light field."""
+    def _is_standard_raw(self, source: Path) -> bool:
+        """Return True for a raw image of a standard camera, which decodes to a light field."""
         from clplen.io import read_raw
         from clplen.io.raw.raw_files import is_raw_file
 
@@ -96,7 +105,7 @@ class PageBuilder:
         return camera is not None and camera.kind != "focused"
 
     def light_field(self, source: Path) -> Item:
-        """A light field of any kind that `read_lightfield` knows."""
+        """Return the item of a light field in any format of `read_lightfield`."""
         from clplen.io import open_lightfield, read_lightfield
         from clplen.io.page.light_field_item import light_field_item
 
@@ -106,7 +115,9 @@ class PageBuilder:
             lf = read_lightfield(source, device=device, **self.layout)
             depth = self._depth(lf)
         else:
-            lf = self.held.enter_context(open_lightfield(source, device=device, **self.layout))
+            lf = self.open_files.enter_context(
+                open_lightfield(source, device=device, **self.layout)
+            )
             options = replace(options, downscale=max(options.downscale, _downscale(lf.shape)))
         self.light_fields.append(lf)
         item = light_field_item(
@@ -119,9 +130,9 @@ class PageBuilder:
             depth_file=None if self.depth_file is None else str(self.depth_file),
             srgb=self.layout["srgb"] or getattr(lf, "linear", False),
         )
-        given = words_of(self.layout)
-        item["command"] = {"input": str(source), "options": option_words(given)}
-        item["python"] = _python("lf = clplen.read_lightfield", source, given)
+        settings = layout_settings(self.layout)
+        item["command"] = {"input": str(source), "options": option_arguments(settings)}
+        item["python"] = _python("lf = clplen.read_lightfield", source, settings)
         return item
 
     def _depth(self, lf: LightField) -> DepthMap | None:
@@ -129,14 +140,14 @@ class PageBuilder:
         from clplen.lightfield.focus_and_depth import depth_map
 
         if self.depth_file is not None:
-            found = read_depth(self.depth_file)
-            if found.disparity.shape != lf.shape[2:4]:
-                sizes = [f"{y} x {x}" for y, x in (found.disparity.shape, lf.shape[2:4])]
+            depth = read_depth(self.depth_file)
+            if depth.disparity.shape != lf.shape[2:4]:
+                sizes = [f"{y} x {x}" for y, x in (depth.disparity.shape, lf.shape[2:4])]
                 raise FormatError(
                     f"{self.depth_file} has {sizes[0]} pixels (y, x), the views have {sizes[1]}: "
                     "give the map of this light field."
                 )
-            return found
+            return depth
         if not self.depth or np.count_nonzero(lf.weights) < 2:
             return None
         try:
@@ -145,8 +156,8 @@ class PageBuilder:
             self.note(f"the page has no depth map: {error}")
             return None
 
-    def _described(self, source: Path) -> Item | None:
-        """What tells by itself that it is a stack, a volume or a map; None if nothing does."""
+    def _self_describing_item(self, source: Path) -> Item | None:
+        """Return the item of a file that stores its kind (stack, volume or map), else None."""
         from clplen.io.store.picture_series import describe_series
 
         suffix = source.suffix.lower()
@@ -161,8 +172,8 @@ class PageBuilder:
             return self._series(source, about)
         return self._volumes(source) if "planes_um" in about else None
 
-    def _undescribed(self, source: Path) -> Item | None:
-        """Pictures of other programs; None if there are none."""
+    def _plain_item(self, source: Path) -> Item | None:
+        """Return the item of pictures from other programs, else None."""
         from clplen.io.formats import picture
 
         suffix = source.suffix.lower()
@@ -174,14 +185,14 @@ class PageBuilder:
             return None
 
     def _series(self, source: Path, about: dict[str, Any]) -> Item:
-        """A focal stack, a volume, or other pictures that are alike, of one time or several."""
+        """Return the item of a focal stack, a volume or a series of pictures."""
         from clplen.io.formats import tiff
         from clplen.io.page.volume_item import volume_item
         from clplen.io.store.picture_series import open_series
 
         with open_series(source, what="a series", max_bytes=self.layout["max_bytes"]) as series:
             values, call = series.read(), "read_volume"
-        words: dict[str, Any] = {"dtype": values.dtype}
+        settings: dict[str, Any] = {"dtype": values.dtype}
         voxel: tuple[float | None, float, float] | None = None
         if series.pixel is not None:
             voxel = (None, *series.pixel)
@@ -189,7 +200,7 @@ class PageBuilder:
             alphas = about.get("alphas") or [None]
             ratio = ("alpha", "", np.array(alphas, np.float64))
             plain = ("disparity", "", np.array(about["disparities"], np.float64))
-            words["planes"] = plain if None in alphas else ratio
+            settings["planes"] = plain if None in alphas else ratio
             call = "read_stack"
         if series.axes[:2] != "tz" or values.ndim != 4:
             is_tiff = source.suffix.lower() in tiff.SUFFIXES
@@ -198,12 +209,13 @@ class PageBuilder:
                 times = len(values)
             times = times if len(values) % times == 0 else 1
             values = values.reshape(times, -1, *values.shape[1:])
-        item = volume_item(values, self.content, voxel=voxel, **words, **self._words(source))
+        settings |= self._common_settings(source)
+        item = volume_item(values, self.content, voxel=voxel, **settings)
         item["python"] = f"data = clplen.io.{call}({str(source)!r})"
         return item
 
     def _volumes_in_time(self, source: Path) -> Item | None:
-        """Volumes of several times, or of one channel; None if there are none."""
+        """Return the item of volumes of several times or a single channel, else None."""
         from clplen.io import open_volumes
 
         try:
@@ -214,7 +226,7 @@ class PageBuilder:
         return self._volumes(source) if is_one else None
 
     def _volumes(self, source: Path) -> Item:
-        """Volumes with the places of their voxels, of one time or several."""
+        """Return the item of volumes with the positions of their voxels."""
         from clplen.io import open_volumes
         from clplen.io.formats.untrusted import require_room
         from clplen.io.page.html_page import step_of
@@ -225,89 +237,92 @@ class PageBuilder:
         limit = self.layout["max_bytes"]
         require_room(total, path=source, what="the series", max_bytes=limit)
         values = np.stack(list(series))
-        words: dict[str, Any] = {"dtype": values.dtype, "table": "magma"}
+        settings: dict[str, Any] = {"dtype": values.dtype, "table": "magma"}
         if series.planes is not None and len(series.planes) > 1:
-            words["planes"] = ("z", "m", series.planes)
+            settings["planes"] = ("z", "m", series.planes)
         if series.voxel is not None:
-            words["voxel"] = (step_of(series.planes), *series.voxel)
-        item = volume_item(values, self.content, **words, **self._words(source))
+            settings["voxel"] = (step_of(series.planes), *series.voxel)
+        item = volume_item(values, self.content, **settings, **self._common_settings(source))
         call = "read_volume" if len(series) == 1 else "open_volumes"
         item["python"] = f"data = clplen.io.{call}({str(source)!r})"
         return item
 
-    def _words(self, source: Path) -> dict[str, Any]:
+    def _common_settings(self, source: Path) -> dict[str, Any]:
         return {"name": source.stem, "downscale": self.options.downscale}
 
     def _array(self, source: Path) -> Item | None:
-        """A NumPy file of a map, picture or volume; None if it is a light field."""
+        """Return the item of a NumPy file of a map, picture or volume; None for a light field."""
         from clplen.io.formats.npy import map_npy
 
         values = map_npy(source, what="an array")
         if values.ndim >= 4:
             return None
         if values.ndim not in (2, 3) or values.dtype.kind not in "uif":
-            raise FormatError(f"{source} holds {values.dtype} of shape {values.shape}: no picture.")
+            raise FormatError(
+                f"{source} must hold a numeric array of two or three axes, got {values.dtype} of "
+                f"shape {values.shape}."
+            )
         return self._result(source, np.array(values), "numpy.load")
 
     def _map(self, source: Path) -> Item:
-        """The disparity of a depth map."""
+        """Return the item of the disparities of a depth map."""
         from clplen.io import read_depth
 
         return self._result(source, read_depth(source), "clplen.io.read_disparity")
 
     def _picture(self, source: Path) -> Item:
-        """An ordinary picture."""
+        """Return the item of a picture."""
         from clplen.io import read_picture
 
         return self._result(source, read_picture(source), "clplen.io.read_picture")
 
     def _result(self, source: Path, thing: Any, call: str) -> Item:
-        """A depth map or an array, with the call that reads it."""
+        """Return the item of a depth map or array, with the call that reads it."""
         from clplen.io.page.html_page import item_of
 
         item = item_of(thing, self.content, name=source.stem, depth=None, options=self.options)
         item["python"] = f"data = {call}({str(source)!r})"
         return item
 
-    def _of_focused(self, opened: FocusedImage, ms: Values, name: str) -> list[Item]:
-        """A raw image of a focused camera: everything in focus, planes, m, and the raw image."""
+    def _focused_items(self, image: FocusedImage, ms: Values, name: str) -> list[Item]:
+        """Return all-in-focus picture, planes, m and raw image of a focused camera as items."""
         from clplen.io.page.volume_item import volume_item
         from clplen.lightfield.focused.focused_depth import focused_depth, focused_maps
         from clplen.lightfield.focused.focused_picture import PictureGrid
         from clplen.lightfield.focused.focused_rendering import focused_stack, render_focused
 
-        found = focused_depth(opened.raw, white=opened.flat)
+        depth = focused_depth(image.raw, white=image.flat)
         step = self.layout["step"]
-        sharp = render_focused(
-            opened.raw, method="depth", depth=found, white=opened.white, step=step
-        )
-        stack = focused_stack(opened.raw, ms=ms, white=opened.white, step=step)
+        sharp = render_focused(image.raw, method="depth", depth=depth, white=image.white, step=step)
+        stack = focused_stack(image.raw, ms=ms, white=image.white, step=step)
         maps = focused_maps(
-            opened.raw,
-            found,
-            grid=PictureGrid.over(found.geometry, found.geometry.patch(found.median), step),
+            image.raw,
+            depth,
+            grid=PictureGrid.over(depth.geometry, depth.geometry.patch(depth.median), step),
         )
-        shown: list[tuple[str, Values, dict[str, Any]]] = [
+        pictures: list[tuple[str, Values, dict[str, Any]]] = [
             ("sharp", sharp.to_numpy()[None, None], {}),
             ("planes", stack.to_numpy()[None], {"planes": ("m", "", ms)}),
             ("depth", maps.m[None, None], {"unit": "m = b/a", "table": "viridis"}),
-            ("raw", opened.raw.to_numpy()[None, None], {}),
+            ("raw", image.raw.to_numpy()[None, None], {}),
         ]
         n = self.options.downscale
         return [
-            volume_item(values, self.content, name=f"{name}, {what}", downscale=n, **words)
-            for what, values, words in shown
+            volume_item(values, self.content, name=f"{name}, {what}", downscale=n, **settings)
+            for what, values, settings in pictures
         ]
 
 
 def series_of_times(items: list[Item], name: str) -> Item:
-    """One item of several alike, one for each time."""
+    """Join the items of several times into a time series."""
     first = items[0]
-    same = all(
+    is_uniform = all(
         item["kind"] == "volume" and item["shape"][1:] == first["shape"][1:] for item in items
     )
-    if not same:
-        raise ShapeError("--time takes volumes, stacks or pictures of one size, one file a time.")
+    if not is_uniform:
+        raise ShapeError(
+            "--time needs volumes, stacks or pictures of equal size, one file per time."
+        )
     levels = [(item["samples"]["low"], item["samples"]["step"]) for item in items]
     blobs = [blob for item in items for blob in item["samples"]["blobs"]]
     times = sum(item["shape"][0] for item in items)
@@ -324,35 +339,35 @@ def series_of_times(items: list[Item], name: str) -> Item:
 
 
 def _downscale(shape: tuple[int, ...]) -> int:
-    """So that a page holds the views of a light field."""
-    return max(1, math.ceil(math.sqrt(math.prod(shape) / _MOST_SAMPLES)))
+    """Return the downscaling factor that limits the samples of a page."""
+    return max(1, math.ceil(math.sqrt(math.prod(shape) / MAX_SAMPLES)))
 
 
-def words_of(layout: dict[str, Any]) -> dict[str, Any]:
-    """The words of layout that were given."""
+def layout_settings(layout: dict[str, Any]) -> dict[str, Any]:
+    """Return the layout settings that differ from the defaults."""
     from clplen.io.lightfields.layout import Layout
 
     return {name: value for name, value in Layout(**layout).given().items() if name != "force"}
 
 
-def option_words(given: dict[str, Any]) -> list[str]:
-    """Words of layout as the command line has them."""
-    words: list[str] = []
-    for name, value in given.items():
+def option_arguments(settings: dict[str, Any]) -> list[str]:
+    """Return layout settings as arguments of the command line."""
+    arguments: list[str] = []
+    for name, value in settings.items():
         option = f"--{name.replace('_', '-')}"
         if name == "devignette":
-            words.append(option if value else "--no-devignette")
+            arguments.append(option if value else "--no-devignette")
         elif value is True:
-            words.append(option)
+            arguments.append(option)
         elif isinstance(value, tuple):
-            words += [option, *map(str, value)]
+            arguments += [option, *map(str, value)]
         else:
-            words += [option, str(value)]
-    return words
+            arguments += [option, str(value)]
+    return arguments
 
 
-def _python(call: str, source: Path, given: dict[str, Any]) -> str:
-    """A call that reads a file."""
-    plain = {name: str(v) if isinstance(v, Path) else v for name, v in given.items()}
-    words = "".join(f", {name}={value!r}" for name, value in plain.items())
-    return f"{call}({str(source)!r}{words})"
+def _python(call: str, source: Path, settings: dict[str, Any]) -> str:
+    """Return a Python call that reads a file."""
+    plain = {name: str(v) if isinstance(v, Path) else v for name, v in settings.items()}
+    arguments = "".join(f", {name}={value!r}" for name, value in plain.items())
+    return f"{call}({str(source)!r}{arguments})"

@@ -1,4 +1,4 @@
-"""Light fields, stacks, volumes and maps in a notebook: a widget, or a page in a frame."""
+"""Viewer in a notebook: a widget, or a page in a frame."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from clplen.lightfield.model.light_field import LightField
 from clplen.viewer.computations import sentence_of
 from clplen.viewer.device_computing import DeviceComputing
 
-_LEAST_HEIGHT = 200  # pixels
+MIN_HEIGHT = 200  # pixels; lower viewers have no room for the controls
 
 
 def view(
@@ -33,38 +33,38 @@ def view(
 ) -> Any:
     """Show light fields, focal stacks, volumes, depth maps and pictures in a notebook.
 
-    With anywidget (``pip install "clplen[notebook]"``) it is a widget, which asks the device of the
-    light field for depth and exact pictures; without it the page of `clplen.io.write_html` in a
-    frame.
+    With anywidget (``pip install "clplen[notebook]"``) the viewer is a widget that computes depth
+    and exact pictures on the device of the light field. Without anywidget it is the page of
+    `clplen.io.write_html` in a frame.
 
     Parameters
     ----------
     subject : LightField, FocalStack, DepthMap, RawImage, Image, array_like, or a list or dict
-        What is shown, as in `clplen.io.write_html`.
+        Data to show, as in `clplen.io.write_html`.
     title : str, optional
-        Of the page, as in `clplen.io.write_html`.
+        Title of the page, as in `clplen.io.write_html`.
     depth : DepthMap or array_like, optional
-        Of the centre view of a light field.
+        Depth of the centre view of a light field.
     compare : bool
-        Whether several are shown side by side.
+        True to show several subjects side by side.
     height : int
-        Of the widget in pixels, at least 200.
+        Height of the widget in pixels, at least 200.
     quality : int, optional
-        Of JPEG, 1 to 100, for the views of light fields, as in `clplen.io.write_html`.
+        JPEG quality of the views of light fields, 1 to 100, as in `clplen.io.write_html`.
     downscale : int
-        Pixels along y and x of which the page keeps the mean.
+        Downscaling factor: blocks of ``downscale`` x ``downscale`` pixels are averaged.
     views : tuple of int, optional
-        At most so many views (V, U), those in the middle.
+        Maximum number of views (V, U); the central views are kept.
 
     Returns
     -------
     object
-        What a notebook shows as the viewer.
+        Viewer, shown by a notebook as the last line of a cell.
 
     Raises
     ------
     ValueError, ShapeError, TypeError
-        As `clplen.io.write_html`.
+        If an argument is invalid, as in `clplen.io.write_html`.
 
     Examples
     --------
@@ -73,8 +73,8 @@ def view(
     >>> hasattr(viewer, "_repr_mimebundle_") or hasattr(viewer, "_repr_html_")
     True
     """
-    if height < _LEAST_HEIGHT:
-        raise ValueError(f"height is at least {_LEAST_HEIGHT} pixels, not {height!r}.")
+    if height < MIN_HEIGHT:
+        raise ValueError(f"height must be at least {MIN_HEIGHT} pixels, got {height!r}.")
     options = PageOptions(quality, downscale, views)
     content = content_of(subject, title=title, depth=depth, options=options, compare=compare)
     if find_spec("anywidget") is None:
@@ -83,14 +83,14 @@ def view(
 
 
 class PageFrame:
-    """A page in a frame, as a notebook shows it.
+    """Page in a frame of a notebook.
 
     Attributes
     ----------
     page : str
-        HTML.
+        HTML source.
     height : int
-        In pixels.
+        Height in pixels.
     """
 
     def __init__(self, page: str, height: int) -> None:
@@ -107,21 +107,21 @@ class PageFrame:
 
 
 def _light_fields(subject: Any) -> dict[int, LightField]:
-    """The light fields on a device among what is shown, by number."""
+    """Return the light fields among the subjects, by their numbers."""
     if isinstance(subject, dict):
-        things = list(subject.values())
+        subjects = list(subject.values())
     else:
-        things = subject if isinstance(subject, list) else [subject]
-    return {n: thing for n, thing in enumerate(things) if isinstance(thing, LightField)}
+        subjects = subject if isinstance(subject, list) else [subject]
+    return {n: entry for n, entry in enumerate(subjects) if isinstance(entry, LightField)}
 
 
 def _widget(content: Content, light_fields: dict[int, LightField], height: int) -> Any:
-    """The page as a widget that computes in the notebook's kernel."""
+    """Return the page as a widget that computes in the notebook's kernel."""
     import anywidget
     import traitlets
 
     class ViewerWidget(anywidget.AnyWidget):
-        """The viewer around what `view` was given."""
+        """Viewer with the content of `view`."""
 
         _esm = script("widget") + "export default { render: widget_js.render };\n"
         _css = style()
@@ -144,17 +144,17 @@ def _widget(content: Content, light_fields: dict[int, LightField], height: int) 
 
 
 def _answer(widget: Any, computing: DeviceComputing, message: Any) -> None:
-    """Compute what the widget asks, and send it."""
+    """Compute the answer to a request of the widget, and send it."""
     if not isinstance(message, dict) or not isinstance(message.get("request"), dict):
         return
-    of = {"id": message.get("id"), "channel": message.get("channel")}
+    address = {"id": message.get("id"), "channel": message.get("channel")}
 
-    def progress(share: float, what: str) -> None:
-        widget.send({**of, "progress": share, "what": what})
+    def progress(fraction: float, what: str) -> None:
+        widget.send({**address, "progress": fraction, "what": what})
 
     try:
         result, blobs = computing(message["request"], progress)
     except Exception as error:
-        widget.send({**of, "error": sentence_of(error)})
+        widget.send({**address, "error": sentence_of(error)})
     else:
-        widget.send({**of, "result": result}, buffers=blobs)
+        widget.send({**address, "result": result}, buffers=blobs)

@@ -1,8 +1,8 @@
-"""The page on this computer: a server for 127.0.0.1 alone, that only its own page may ask.
+"""Server of a page on 127.0.0.1, which answers requests of its own page only.
 
-Every request names a random token in its path. `Host` is this server, which keeps out pages that
-rebind their name to 127.0.0.1; `Origin` and `Sec-Fetch-Site`, where a browser sends them, are this
-page. No path of a request leads to a file.
+The path of every request must begin with a random token. `Host` must name this server, against
+DNS rebinding; `Origin` and `Sec-Fetch-Site`, if present, must be this page. Paths of requests
+never refer to files.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from clplen.reprs import printable
 from clplen.viewer.computations import Computations, Compute, OvertakenError, Request, sentence_of
 
 ADDRESS = "127.0.0.1"
-MOST_BODY = 64 * 1024  # bytes
-MAX_REQUEST = 2 * MOST_BODY  # bytes with the headers, as many again as of a body
-MAX_CONNECTIONS = 64
+MAX_BODY = 64 * 1024  # bytes of the body of a request
+MAX_REQUEST = 2 * MAX_BODY  # bytes of a request with its headers
+MAX_CONNECTIONS = 64  # open at a time
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
     "img-src data: blob:; connect-src 'self'; frame-ancestors 'none'"
@@ -49,7 +49,7 @@ _NUMBER = re.compile(r"data/(0|[1-9]\d{0,8})", re.ASCII)
 
 
 class _RefusedError(Exception):
-    """A request that is not answered, with the status that says so."""
+    """Rejection of a request, with its HTTP status."""
 
     def __init__(self, status: HTTPStatus) -> None:
         super().__init__(status.phrase)
@@ -57,17 +57,17 @@ class _RefusedError(Exception):
 
 
 class ViewerServer:
-    """Serve a page and its data to the browser of this computer.
+    """Server of a page and its data for the browser of this computer.
 
     Attributes
     ----------
     url : str
-        With the token; whoever knows it sees the page.
+        Address with the token; whoever knows it can see the page.
     """
 
-    tick = 1.0  # seconds between signs of life to a page
-    patience = 3.0  # seconds without a page, in which it may be reloaded
-    read_timeout = 10.0  # seconds that a request may take to arrive
+    tick = 1.0  # interval of keep-alive messages to a page in seconds
+    patience = 3.0  # seconds without a page before the server ends, so that it may be reloaded
+    read_timeout = 10.0  # time limit for receiving a request in seconds
 
     def __init__(
         self,
@@ -79,13 +79,13 @@ class ViewerServer:
         keep: bool = False,
     ) -> None:
         if not 0 <= port <= 65535:
-            raise ValueError(f"A port is a number from 0 to 65535, not {port}.")
+            raise ValueError(f"port must be a number from 0 to 65535, got {port}.")
         self.page, self.blobs, self.keep = page, blobs, keep
         self.computations = None if compute is None else Computations(compute)
         self.token = secrets.token_urlsafe(24)
         self.open_pages = 0
-        self.seen = False
-        self.last_seen = time.monotonic()
+        self.was_opened = False
+        self.last_closed = time.monotonic()
         self.ended = threading.Event()
         self._lock = threading.Lock()
         try:
@@ -103,7 +103,7 @@ class ViewerServer:
         self.close()
 
     def start(self) -> ViewerServer:
-        """Answer requests from now on, in other threads."""
+        """Start to answer requests in other threads."""
         self._thread = threading.Thread(
             target=self._http.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True
         )
@@ -116,8 +116,8 @@ class ViewerServer:
             self.start()
         try:
             while not self.ended.wait(min(self.tick, self.patience) / 4):
-                idle = time.monotonic() - self.last_seen
-                if not self.keep and self.seen and not self.open_pages and idle > self.patience:
+                idle = time.monotonic() - self.last_closed > self.patience
+                if not self.keep and self.was_opened and not self.open_pages and idle:
                     return
         finally:
             self.close()
@@ -137,24 +137,24 @@ class ViewerServer:
     def page_opened(self) -> None:
         with self._lock:
             self.open_pages += 1
-            self.seen = True
+            self.was_opened = True
 
     def page_closed(self) -> None:
         with self._lock:
             self.open_pages -= 1
-            self.last_seen = time.monotonic()
+            self.last_closed = time.monotonic()
 
 
 def _port_sentence(port: int, error: OSError) -> str:
     if error.errno == errno.EADDRINUSE:
-        return f"Port {port} is taken by another program: give another --port, or leave it out."
+        return f"Port {port} is used by another program: give another --port, or leave it out."
     if error.errno == errno.EACCES:
-        return f"Port {port} is kept for the system: give one from 1024 on, or leave --port out."
+        return f"Port {port} is reserved for the system: use 1024 or above, or leave --port out."
     return f"No port of {ADDRESS} can be opened: {error.strerror}."
 
 
 class _Http(ThreadingHTTPServer):
-    """Threads for `_Handler`, which end with the program."""
+    """HTTP server with a thread for each connection."""
 
     daemon_threads = True
     block_on_close = False
@@ -163,12 +163,13 @@ class _Http(ThreadingHTTPServer):
 
     def __init__(self, address: tuple[str, int], handler: Any, viewer: ViewerServer) -> None:
         self.viewer = viewer
-        self.is_arriving: dict[Any, bool] = {}  # of the request of each connection, oldest first
+        # Connection -> True while its request is being received; oldest first.
+        self.is_arriving: dict[Any, bool] = {}
         self._lock = threading.Lock()
         super().__init__(address, handler)
 
     def server_bind(self) -> None:
-        self.socket.bind(self.server_address)  # no lookup of names, as HTTPServer makes
+        self.socket.bind(self.server_address)  # HTTPServer would look up the host name
         self.server_address = self.socket.getsockname()
 
     def process_request(self, request: Any, client_address: Any) -> None:
@@ -188,12 +189,11 @@ class _Http(ThreadingHTTPServer):
             self._forget(request)
 
     def _admit(self, connection: Any) -> bool:
-        """Take a connection; where all are in use, in place of the slowest to send its request."""
+        """Accept a connection; if all are in use, close the slowest incomplete request."""
         with self._lock:
             if len(self.is_arriving) >= MAX_CONNECTIONS:
-                slowest = next(
-                    (one for one, arriving in self.is_arriving.items() if arriving), None
-                )
+                incomplete = (key for key, arriving in self.is_arriving.items() if arriving)
+                slowest = next(incomplete, None)
                 if slowest is None:
                     return False
                 del self.is_arriving[slowest]
@@ -203,7 +203,7 @@ class _Http(ThreadingHTTPServer):
         return True
 
     def set_arrived(self, connection: Any) -> None:
-        """Keep the connection of a whole request until it is answered."""
+        """Protect the connection of a complete request until it is answered."""
         with self._lock:
             if connection not in self.is_arriving:
                 raise ConnectionAbortedError
@@ -214,11 +214,11 @@ class _Http(ThreadingHTTPServer):
             self.is_arriving.pop(connection, None)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A client that went away is no error."""
+        """Ignore errors of clients that disconnected."""
 
 
 class _BoundedReader(io.RawIOBase):
-    """The bytes of one request: at most so many, within so many seconds altogether."""
+    """Reader of a request with a limit of bytes and of total time."""
 
     def __init__(self, connection: Any, seconds: float) -> None:
         self._connection = connection
@@ -237,13 +237,13 @@ class _BoundedReader(io.RawIOBase):
         try:
             count = self._connection.recv_into(memoryview(buffer)[: self._left])
         finally:
-            self._connection.settimeout(self._seconds)  # of each answer
+            self._connection.settimeout(self._seconds)  # applies to each write
         self._left -= count
         return count
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """One request: guards first, then the page, a part of its data, or a computation."""
+    """Handler of a request: checks, then the page, a part of its data, or a computation."""
 
     protocol_version = "HTTP/1.1"
     server: _Http
@@ -255,13 +255,13 @@ class _Handler(BaseHTTPRequestHandler):
         self.rfile = io.BufferedReader(_BoundedReader(self.connection, seconds))
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Nothing is printed."""
+        """Print no log."""
 
     def version_string(self) -> str:
         return "clplen"
 
     def handle_one_request(self) -> None:
-        """As the base class does, but for clients that go away, and one request a connection."""
+        """Answer a single request per connection; ignore clients that disconnect."""
         self.close_connection = True
         try:
             self.raw_requestline = self.rfile.readline(65537)
@@ -288,12 +288,12 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(f"{refused}.\n".encode(), "text/plain; charset=utf-8", refused.status)
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
-        """What the base class cannot parse, without an echo of it."""
+        """Answer a request that cannot be parsed, without repeating its content."""
         self.request_version = "HTTP/1.1"
         self._send(b"Bad request.\n", "text/plain; charset=utf-8", HTTPStatus(code))
 
     def _guarded(self) -> str:
-        """The path behind the token, of a request that may be answered."""
+        """Check a request, and return its path after the token."""
         viewer = self.server.viewer
         hosts = (f"{ADDRESS}:{viewer.port}", f"localhost:{viewer.port}")
         if self.headers.get_all("Host") not in [[host] for host in hosts]:
@@ -307,8 +307,8 @@ class _Handler(BaseHTTPRequestHandler):
         if any(site not in ("none", "same-origin") for site in sites):
             raise _RefusedError(HTTPStatus.FORBIDDEN)
         first, slash, route = self.path.removeprefix("/").partition("/")
-        known = hmac.compare_digest(first.encode(), viewer.token.encode())
-        if not (known and slash and self.path.startswith("/")):
+        has_token = hmac.compare_digest(first.encode(), viewer.token.encode())
+        if not (has_token and slash and self.path.startswith("/")):
             raise _RefusedError(HTTPStatus.NOT_FOUND)
         return route
 
@@ -325,15 +325,15 @@ class _Handler(BaseHTTPRequestHandler):
             except (OSError, ValueError) as error:
                 if isinstance(error, ConnectionError | TimeoutError):
                     raise
-                said = f"{printable(sentence_of(error))}\n".encode()
-                self._send(said, "text/plain; charset=utf-8", HTTPStatus.GONE)
+                message = f"{printable(sentence_of(error))}\n".encode()
+                self._send(message, "text/plain; charset=utf-8", HTTPStatus.GONE)
         elif alive:
             self._stay()
         else:
             raise _RefusedError(HTTPStatus.NOT_FOUND)
 
     def _stay(self) -> None:
-        """Write to a page now and then, until it is closed."""
+        """Send keep-alive messages to a page until it is closed."""
         viewer = self.server.viewer
         viewer.page_opened()
         try:
@@ -347,19 +347,19 @@ class _Handler(BaseHTTPRequestHandler):
         viewer = self.server.viewer
         if route != "compute" or viewer.computations is None:
             raise _RefusedError(HTTPStatus.NOT_FOUND)
-        asked = self._body()
+        body = self._body()
         self.server.set_arrived(self.connection)
-        request = Request((asked["page"], asked["channel"]))
+        request = Request((body["page"], body["channel"]))
         self._begin("application/x-ndjson")
 
-        def progress(share: float, what: str) -> None:
+        def progress(fraction: float, what: str) -> None:
             try:
-                self._line({"progress": round(float(share), 4), "what": what})
-            except OSError as error:  # the page is gone
+                self._line({"progress": round(float(fraction), 4), "what": what})
+            except OSError as error:  # the page was closed
                 raise OvertakenError from error
 
         try:
-            result, blobs = viewer.computations.run(request, asked["request"], progress)
+            result, blobs = viewer.computations.run(request, body["request"], progress)
             parts = [base64.b64encode(blob).decode() for blob in blobs]
             self._line({"result": result, "blobs": parts})
         except OvertakenError:
@@ -370,7 +370,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._line({"error": sentence_of(error)})
 
     def _body(self) -> dict[str, Any]:
-        """The JSON of a request, of bounded size."""
+        """Read the JSON body of a request, of limited size."""
         lengths = self.headers.get_all("Content-Length", [])
         if self.headers.get_all("Transfer-Encoding") or len(lengths) > 1:
             raise _RefusedError(HTTPStatus.BAD_REQUEST)
@@ -378,17 +378,17 @@ class _Handler(BaseHTTPRequestHandler):
             raise _RefusedError(HTTPStatus.LENGTH_REQUIRED)
         if not (lengths[0].isascii() and lengths[0].isdigit()):
             raise _RefusedError(HTTPStatus.BAD_REQUEST)
-        if len(lengths[0]) > 9 or int(lengths[0]) > MOST_BODY:
+        if len(lengths[0]) > 9 or int(lengths[0]) > MAX_BODY:
             raise _RefusedError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
         if self.headers.get_content_type() != "application/json":
             raise _RefusedError(HTTPStatus.UNSUPPORTED_MEDIA_TYPE)
         try:
-            asked = json.loads(self.rfile.read(int(lengths[0])))
+            body = json.loads(self.rfile.read(int(lengths[0])))
         except (ValueError, RecursionError):
             raise _RefusedError(HTTPStatus.BAD_REQUEST) from None
-        if not isinstance(asked, dict):
+        if not isinstance(body, dict):
             raise _RefusedError(HTTPStatus.BAD_REQUEST)
-        page, channel, request = (asked.get(name) for name in ("page", "channel", "request"))
+        page, channel, request = (body.get(name) for name in ("page", "channel", "request"))
         if not (
             isinstance(page, str)
             and _PAGE.fullmatch(f"page={page}")
@@ -397,7 +397,7 @@ class _Handler(BaseHTTPRequestHandler):
             and isinstance(request, dict)
         ):
             raise _RefusedError(HTTPStatus.BAD_REQUEST)
-        return asked
+        return body
 
     def _send(self, body: bytes, kind: str, status: HTTPStatus = HTTPStatus.OK) -> None:
         self._begin(kind, status, len(body))

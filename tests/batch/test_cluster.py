@@ -105,7 +105,7 @@ def test_an_item_that_kills_its_workers_fails_alone(tmp_path: Path, device: Devi
         summary = execute_job(job, executor, watcher=Watcher())
     assert summary.done == 7
     assert summary.failed.keys() == {"field_002"}
-    assert "the workers that took it died" in summary.failed["field_002"]
+    assert "its workers died" in summary.failed["field_002"]
     whole = [file for file in files if file.stem != "field_002"]
     assert batchworks.wrong_outputs(tmp_path / "out", whole, device) == []
 
@@ -194,10 +194,10 @@ GOOD = {"version": __version__, "host": "h", "error": ""}
 
 def test_workers_that_cannot_do_it():
     for found, said in (
-        ({}, "has no workers: start some with 'clplen worker tcp://x'"),
+        ({}, "has no workers: start them with 'clplen worker tcp://x'"),
         ({"a": {**GOOD, "version": "0.0.1"}, "b": GOOD}, "1 workers .*a has clplen 0.0.1, this is"),
         ({"a": {**GOOD, "error": "none"}}, r"a has no OpenCL device \(none\)"),
-        ({"a": ModuleNotFoundError("No module named 'clplen'")}, "a has no clplen that answers"),
+        ({"a": ModuleNotFoundError("No module named 'clplen'")}, "a has no working clplen"),
     ):
         with pytest.raises(DeviceError, match=said):
             check_workers(Client(found), "tcp://x")
@@ -228,7 +228,7 @@ def test_a_scheduler_that_is_lost_is_said(tmp_path: Path):
 
     (task,) = tasks_of(Job(output="o", inputs=[{"files": "*"}], stack={}).relative_to(tmp_path))
     for status in ("cancelled", "lost"):
-        with pytest.raises(DeviceError, match=r"no longer answers: .* what is done stays done"):
+        with pytest.raises(DeviceError, match=r"no longer answers: .* finished items are kept"):
             works._report(task, Future("k", status))
     report = works._report(task, Future("k", "error"))
     assert report.state == "failed"
@@ -264,7 +264,7 @@ def test_what_a_living_scheduler_dropped_is_done_again(
         for name in names:
             yield SimpleNamespace(name=name, parameters={}), Future(name, next(states[name]))
 
-    monkeypatch.setattr(works, "_ended", ended)
+    monkeypatch.setattr(works, "_completed", ended)
     tasks: Any = [SimpleNamespace(name=name) for name in ("a", "b")]
     if not answers:
         with pytest.raises(DeviceError, match="no longer answers"):

@@ -61,7 +61,7 @@ def test_files_of_others_in_the_output_stay(small: tuple[Path, list[Path]], devi
     (folder / "item.json").unlink()
     summary, _ = run(job, device)
     assert summary.failed.keys() == {"field_001"}
-    assert f"{name} is there already and clplen did not" in summary.failed["field_001"]
+    assert f"{name} exists and was not written by clplen" in summary.failed["field_001"]
     assert (folder / name).read_text() == "notes of the user"
 
 
@@ -79,17 +79,17 @@ def test_an_input_that_changes_meanwhile(
     small: tuple[Path, list[Path]], device: Device, monkeypatch: pytest.MonkeyPatch
 ):
     job, files = small
-    made = making._of_light_field
+    made = making._light_field_products
 
     def slow(*given: Any) -> Any:
         os.utime(files[0], ns=(time.time_ns(), time.time_ns()))
         return made(*given)
 
-    monkeypatch.setattr(making, "_of_light_field", slow)
+    monkeypatch.setattr(making, "_light_field_products", slow)
     for file in files[1:]:
         file.unlink()
     summary, _ = run(job, device)
-    assert "was changed while it was read" in summary.failed["field_000"]
+    assert "changed while it was read" in summary.failed["field_000"]
 
 
 @pytest.mark.thorough
@@ -98,14 +98,14 @@ def test_an_output_folder_that_vanishes(
 ):
     job, files = small
     out = job.parent / "out"
-    made, aside = making._of_light_field, job.parent / "aside"
+    made, aside = making._light_field_products, job.parent / "aside"
 
     def vanishing(*given: Any) -> Any:
         if not aside.exists() and list(out.glob("*/item.json")):
             out.rename(aside)
         return made(*given)
 
-    monkeypatch.setattr(making, "_of_light_field", vanishing)
+    monkeypatch.setattr(making, "_light_field_products", vanishing)
     summary, _ = run(job, device)
     assert summary.done + len(summary.failed) == 6
     assert len(summary.failed) >= 1  # what was done before
@@ -123,7 +123,7 @@ def test_what_may_pass_is_tried_again(
     small: tuple[Path, list[Path]], device: Device, monkeypatch: pytest.MonkeyPatch
 ):
     job, _ = small
-    made, calls = making._of_light_field, []
+    made, calls = making._light_field_products, []
 
     def failing(*given: Any) -> Any:
         calls.append(1)
@@ -131,7 +131,7 @@ def test_what_may_pass_is_tried_again(
             raise OSError(5, "Input/output error")
         return made(*given)
 
-    monkeypatch.setattr(making, "_of_light_field", failing)
+    monkeypatch.setattr(making, "_light_field_products", failing)
     summary, watcher = run(job, device)
     assert (summary.done, summary.failed) == (6, {})
     assert len(watcher.reports) == 6
@@ -292,7 +292,7 @@ def test_a_bug_stops_one_item(
     small: tuple[Path, list[Path]], device: Device, monkeypatch: pytest.MonkeyPatch
 ):
     job, _ = small
-    made, calls = making._of_light_field, []
+    made, calls = making._light_field_products, []
 
     def failing(*given: Any) -> Any:
         calls.append(1)
@@ -300,7 +300,7 @@ def test_a_bug_stops_one_item(
             raise KeyError("what")
         return made(*given)
 
-    monkeypatch.setattr(making, "_of_light_field", failing)
+    monkeypatch.setattr(making, "_light_field_products", failing)
     summary, _ = run(job, device)
     assert summary.done == 5
     assert "unexpected KeyError" in next(iter(summary.failed.values()))
@@ -320,7 +320,7 @@ def test_an_interrupt_leaves_nothing_half_done(small: tuple[Path, list[Path]], d
     out = job.parent / "out"
     assert batchworks.strays(out) == []
     with Manifest(out) as manifest:
-        assert len(manifest.known()) == 1  # what was reported before
+        assert len(manifest.states()) == 1  # what was reported before
     summary, _ = run(job, device)
     assert summary.skipped >= 1
     assert batchworks.wrong_outputs(out, files, device) == []
@@ -350,6 +350,6 @@ def test_a_full_disk(tmp_path: Path, device: Device):
             picture = tifffile.imread(out / f"field_{i}" / "stack.ome.tif")
             assert np.array_equal(picture, np.full((side, side), i + 1, np.float32))
         with Manifest(out) as manifest:
-            assert len(manifest.known()) == 5
+            assert len(manifest.states()) == 5
     finally:
         subprocess.run(["umount", str(disk)], check=True)

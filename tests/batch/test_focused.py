@@ -64,8 +64,8 @@ def test_stack_depth_and_a_sharp_picture(tmp_path: Path, device: Device) -> None
 def test_tables_that_make_no_sense_fail_in_a_sentence(tmp_path: Path, device: Device) -> None:
     (tmp_path / "camera.toml").write_text(CAMERA)
     for table, said in (
-        ("[views]\n", "A focused camera has no views of directions: leave [views] out."),
-        ("[stack]\ndisparities = [0, 1]\n", "have no disparities: give alphas in [stack]"),
+        ("[views]\n", "A focused camera does not record views: leave [views] out."),
+        ("[stack]\ndisparities = [0, 1]\n", "must be given as alphas = F/F': set alphas in"),
     ):
         (tmp_path / "job.toml").write_text(JOB + table)
         summary, _ = run(tmp_path / "job.toml", device, force=True)

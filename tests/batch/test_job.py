@@ -9,7 +9,7 @@ import pytest
 
 from clplen.batch import Job
 from clplen.batch.jobs.items import tasks_of
-from clplen.batch.running.runner import check_same
+from clplen.batch.running.runner import check_settings
 from clplen.errors import FormatError
 from clplen.settings.light_fields import planes_of
 from clplen.units import bytes_of
@@ -53,7 +53,7 @@ def test_a_wrong_job_gets_one_sentence(tmp_path: Path):
         (f"{BASE}[stack]\ndisparites = [0]\n", "stack.disparites; did you mean disparities?"),
         (f"worker = 2\n{BASE}[stack]\n", "unknown key worker; did you mean workers?"),
         (f"{BASE}[inputs.layout]\nflip = true\n[stack]\n", "inputs.0.layout.flip; did you mean"),
-        (BASE, "makes nothing of its inputs"),
+        (BASE, "has inputs but no operation"),
         ('output = "out"\n[stack]\n', "no light fields"),
         ("[[inputs]]\nfiles = 'a'\n[stack]\n", "output is missing"),
         (f"{BASE}[stack]\ndisparities = '1:2'\n", "START:STOP:N"),
@@ -79,7 +79,7 @@ def test_no_job_file(tmp_path: Path):
 
 def test_a_pattern_without_files_is_refused(tmp_path: Path):
     job = read(tmp_path, f"{BASE}[stack]\n")
-    with pytest.raises(FormatError, match=r"inputs\.0\.files: 'in/\*\.npy' names no file"):
+    with pytest.raises(FormatError, match=r"inputs\.0\.files: 'in/\*\.npy' matches no file"):
         tasks_of(job)
 
 
@@ -103,7 +103,7 @@ def test_a_name_stays_in_the_output(tmp_path: Path):
 def test_an_item_in_another_is_refused(tmp_path: Path):
     inputs(tmp_path, "a.npy", "a/b.npy")
     text = 'output = "out"\n[[inputs]]\nfiles = ["in/*.npy", "in/*/*.npy"]\nname = "{path}"\n'
-    with pytest.raises(FormatError, match="would lie in those of"):
+    with pytest.raises(FormatError, match="would lie inside that of"):
         tasks_of(read(tmp_path, f"{text}[stack]\n"))
 
 
@@ -125,7 +125,7 @@ def test_the_outputs_are_no_inputs_by_another_way(tmp_path: Path):
         within = tmp_path / "in" / ".."
         assert [task.name for task in tasks_of(job.relative_to(within))] == ["a"]
     job = Job(output=".", inputs=[{"files": "in/*.npy"}], stack={})
-    with pytest.raises(FormatError, match="names only what lies in the output"):
+    with pytest.raises(FormatError, match="matches only files in the output"):
         tasks_of(job.relative_to(tmp_path))
 
 
@@ -150,7 +150,7 @@ def test_how_a_job_is_done_is_no_other_job(tmp_path: Path):
 def test_a_white_image_has_to_be_there(tmp_path: Path):
     inputs(tmp_path, "a.npy")
     text = f'{BASE}[inputs.layout]\nwhite = "white.tif"\n[stack]\n'
-    with pytest.raises(FormatError, match=r"inputs\.0\.layout\.white: there is no file"):
+    with pytest.raises(FormatError, match=r"inputs\.0\.layout\.white: the file .* does not exist"):
         tasks_of(read(tmp_path, text))
 
 
@@ -158,13 +158,13 @@ def test_what_differs_is_said(tmp_path: Path):
     old = read(tmp_path, f"{BASE}[stack]\ndisparities = [0.0, 1.0]\n")
     new = read(tmp_path, f"{BASE}[stack]\ndisparities = [0.0, 2.0]\n[depth]\n")
     with pytest.raises(FormatError) as caught:
-        check_same(old.contents(), new, force=False, where=tmp_path)
-    for text in ("stack.disparities was [0.0, 1.0], is [0.0, 2.0]", "depth was not there", "force"):
+        check_settings(old.contents(), new, force=False, output=tmp_path)
+    for text in ("stack.disparities was [0.0, 1.0], is [0.0, 2.0]", "depth was missing", "force"):
         assert text in str(caught.value)
-    check_same(old.contents(), new, force=True, where=tmp_path)
-    check_same(None, new, force=False, where=tmp_path)
+    check_settings(old.contents(), new, force=True, output=tmp_path)
+    check_settings(None, new, force=False, output=tmp_path)
     how = read(tmp_path, f"workers = 3\nmemory = 5000\n{BASE}[stack]\ndisparities = [0.0, 1.0]\n")
-    check_same(old.contents(), how, force=False, where=tmp_path)
+    check_settings(old.contents(), how, force=False, output=tmp_path)
 
 
 def test_parameters_tell_what_decides_the_result(tmp_path: Path):

@@ -27,7 +27,7 @@ def test_reports_come_back(tmp_path: Path):
         manifest.put(report("b"))
     with Manifest(tmp_path) as manifest:
         assert manifest.job == {"output": "o"}
-        assert manifest.known() == {"a": ("done", 1.5, ""), "b": ("done", 1.5, "")}
+        assert manifest.states() == {"a": ("done", 1.5, ""), "b": ("done", 1.5, "")}
     rows = sqlite3.connect(tmp_path / NAME).execute("SELECT name, state, seconds FROM items")
     assert sorted(rows) == [("a", "done", 0.25), ("b", "done", 0.25)]
 
@@ -38,11 +38,11 @@ def test_names_that_are_not_utf8(tmp_path: Path):
         manifest.put(replace(report(name, "failed"), error=f"{name} is no file."), report("a"))
         manifest.put(report(name))
     with Manifest(tmp_path) as manifest:
-        assert manifest.known() == {name: ("done", 1.5, ""), "a": ("done", 1.5, "")}
+        assert manifest.states() == {name: ("done", 1.5, ""), "a": ("done", 1.5, "")}
 
 
 def test_there_is_none(tmp_path: Path):
-    with pytest.raises(FormatError, match=r"no manifest .*run the job first"):
+    with pytest.raises(FormatError, match=r"manifest .* does not exist: run the job first"):
         Manifest(tmp_path)
 
 
@@ -58,14 +58,14 @@ def test_a_newer_version_is_refused(tmp_path: Path):
     Manifest(tmp_path, create=True).close()
     with sqlite3.connect(tmp_path / NAME) as file:
         file.execute("UPDATE meta SET value = '2' WHERE key = 'version'")
-    with pytest.raises(FormatError, match=r"of version 2, .* up to 1: use a newer clplen"):
+    with pytest.raises(FormatError, match=r"has version 2, .* up to 1: use a newer clplen"):
         Manifest(tmp_path, create=True)
 
 
 def test_another_file_is_refused(tmp_path: Path):
     for content in (b"no database at all" * 100, b"SQLite format 3\0garbage" * 50):
         (tmp_path / NAME).write_bytes(content)
-        with pytest.raises(FormatError, match="damaged or no manifest"):
+        with pytest.raises(FormatError, match="damaged or not a manifest"):
             Manifest(tmp_path, create=True)
         assert (tmp_path / NAME).read_bytes() == content
 
@@ -73,7 +73,7 @@ def test_another_file_is_refused(tmp_path: Path):
 def test_another_database_is_refused(tmp_path: Path):
     with sqlite3.connect(tmp_path / NAME) as file:
         file.execute("CREATE TABLE other (x)")
-    with pytest.raises(FormatError, match="no manifest of clplen: move it away"):
+    with pytest.raises(FormatError, match="not a manifest of clplen: move it away"):
         Manifest(tmp_path, create=True)
 
 
@@ -90,7 +90,7 @@ def test_a_damaged_row_is_left_out(tmp_path: Path, change: str):
     with sqlite3.connect(tmp_path / NAME) as file:
         file.execute(f"UPDATE items SET {change} WHERE name = 'b'")
     with Manifest(tmp_path) as manifest:
-        assert manifest.known() == {"a": ("done", 1.5, "")}
+        assert manifest.states() == {"a": ("done", 1.5, "")}
 
 
 def test_a_text_that_is_no_utf8_is_read(tmp_path: Path):
@@ -99,7 +99,7 @@ def test_a_text_that_is_no_utf8_is_read(tmp_path: Path):
     with sqlite3.connect(tmp_path / NAME) as file:
         file.execute("UPDATE items SET error = CAST(x'61ff' AS TEXT)")
     with Manifest(tmp_path) as manifest:
-        assert manifest.known()["b"].error == "a\N{REPLACEMENT CHARACTER}"
+        assert manifest.states()["b"].error == "a\N{REPLACEMENT CHARACTER}"
 
 
 @pytest.mark.parametrize(
@@ -121,10 +121,10 @@ def test_a_damaged_manifest_gets_one_sentence(tmp_path: Path, damage: str):
     with sqlite3.connect(tmp_path / NAME) as file:
         file.executescript(damage)
     with (
-        pytest.raises(FormatError, match=r"no manifest of clplen.*: move it away"),
+        pytest.raises(FormatError, match=r"not a manifest of clplen.*: move it away"),
         Manifest(tmp_path) as manifest,
     ):
-        manifest.known()
+        manifest.states()
 
 
 def test_a_full_disk_is_said(tmp_path: Path):
@@ -132,12 +132,12 @@ def test_a_full_disk_is_said(tmp_path: Path):
         manifest.put(report("a"))
         pages = manifest._connection.execute("PRAGMA page_count").fetchone()[0]
         manifest._connection.execute(f"PRAGMA max_page_count = {pages}")
-        with pytest.raises(OSError, match="make room on the disk") as caught:
+        with pytest.raises(OSError, match="free space on the disk") as caught:
             manifest.put(*(report(f"item {i}") for i in range(1000)))
         assert caught.value.errno == errno.ENOSPC
         manifest._connection.execute("PRAGMA max_page_count = 100000")
         manifest.put(report("b"))
-        assert manifest.known().keys() == {"a", "b"}
+        assert manifest.states().keys() == {"a", "b"}
 
 
 def test_a_folder_that_vanishes(tmp_path: Path):
@@ -150,5 +150,5 @@ def test_a_folder_that_vanishes(tmp_path: Path):
         assert not manifest.is_there()
         manifest.renew({"output": "o"})
         assert manifest.is_there()
-        assert manifest.known() == {}
+        assert manifest.states() == {}
         assert manifest.job == {"output": "o"}

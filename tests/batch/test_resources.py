@@ -49,7 +49,7 @@ def test_a_second_job_is_refused_until_the_first_dies(tmp_path: Path):
     process = holding(tmp_path, "job")
     try:
         with (
-            pytest.raises(BlockingIOError, match=f"process {process.pid} on .* is at work"),
+            pytest.raises(BlockingIOError, match=f"process {process.pid} on .* is using"),
             job_lock(tmp_path),
         ):
             pass

@@ -95,7 +95,7 @@ def test_a_job_that_was_changed(small: tuple[Path, list[Path]], device: Device):
     out = job.parent / "out"
     text = job.read_text().replace("[all_in_focus]", "")
     job.write_text(text)
-    with pytest.raises(FormatError, match=r"all_in_focus was \{\}, is not there.*or force=True to"):
+    with pytest.raises(FormatError, match=r"all_in_focus was \{\}, is missing.*or force=True to"):
         run(job, device)
     assert (out / "field_000" / "all_in_focus.ome.tif").exists()
     summary, _ = run(job, device, force=True)
@@ -121,7 +121,7 @@ def test_what_a_dead_process_did_is_found(small: tuple[Path, list[Path]], device
     summary, _ = run(job, device)
     assert (summary.done, summary.skipped) == (0, 6)
     with Manifest(job.parent / "out") as manifest:
-        assert len(manifest.known()) == 6
+        assert len(manifest.states()) == 6
 
 
 def test_the_manifest_is_not_written_for_each_item(
@@ -140,7 +140,7 @@ def test_the_manifest_is_not_written_for_each_item(
     run(job, device)
     assert puts == [0, 6]
     with Manifest(job.parent / "out") as manifest:
-        assert len(manifest.known()) == 6
+        assert len(manifest.states()) == 6
 
 
 def test_temporary_files_of_the_output_are_removed(small: tuple[Path, list[Path]], device: Device):
@@ -206,7 +206,7 @@ def test_what_is_missing_is_said(tmp_path: Path):
     np.save(tmp_path / "in" / "a.npy", np.ones((2, 2, 8, 8), np.uint8))
     job = Job(output="o", inputs=[{"files": "in/*"}], stack={}).relative_to(tmp_path)
     (task,) = tasks_of(job)
-    assert state_of(task, None) == ("missing", "not done yet")
+    assert state_of(task, None) == ("missing", "not processed yet")
     with pytest.raises(FormatError, match="run the job first"):
         list(status_of(job))
 

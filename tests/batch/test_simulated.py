@@ -12,10 +12,10 @@ import pytest
 
 from clplen.batch import Job
 from clplen.batch.jobs.items import tasks_of
-from clplen.batch.jobs.simulations import STEEPEST, scenes_of, simulations_of
-from clplen.batch.jobs.tables import EVERY, SceneTable, SimulationTable
+from clplen.batch.jobs.simulations import MAX_SLOPE, scenes_of, simulations_of
+from clplen.batch.jobs.tables import ALL_KINDS, SceneTable, SimulationTable
 from clplen.batch.jobs.task import Source
-from clplen.batch.work.simulation import Simulated, simulate
+from clplen.batch.work.simulation import Simulation, simulate
 from clplen.cameras.scenes.gallery import SCENES, sample_scenes
 from clplen.cameras.scenes.surfaces import Plane
 from clplen.compute.device import Device
@@ -60,9 +60,9 @@ def scenes(folder: Path, **words: Any) -> list[Source]:
     return scenes_of(SceneTable.model_validate(words), folder)
 
 
-def run(source: Source, folder: Path, device: Device) -> Simulated:
+def run(source: Source, folder: Path, device: Device) -> Simulation:
     """As a worker does it: the words went through JSON, and another folder is current."""
-    return simulate(json.loads(json.dumps(source.words)), device=device, base=folder)
+    return simulate(json.loads(json.dumps(source.origin)), device=device, base=folder)
 
 
 def same(a: LightField, b: LightField) -> None:
@@ -92,11 +92,11 @@ def test_the_example_camera_over_depths_and_pitches(tmp_path: Path):
     for one, (dz, pitch) in zip(
         found, [(dz, p) for dz in DEPTHS["values"] for p in (100, 150)], strict=True
     ):
-        content = one.words["content"]
+        content = one.origin["content"]
         assert content["camera"]["microlenses"]["pitch_um"] == pitch
         assert [point[2] for point in content["scene"]["points_mm"]] == [dz] * 3
-        assert (one.words["kind"], one.files) == ("camera", ())
-        assert json.loads(json.dumps(one.words)) == one.words
+        assert (one.origin["kind"], one.files) == ("camera", ())
+        assert json.loads(json.dumps(one.origin)) == one.origin
 
 
 def test_a_camera_file_in_another_folder(tmp_path: Path):
@@ -105,7 +105,7 @@ def test_a_camera_file_in_another_folder(tmp_path: Path):
     (found,) = items(tmp_path / "job", camera="../cameras/small.toml")
     assert found.name == "small"
     assert found.files == ("../cameras/L.png",)
-    assert found.words["folder"] == "../cameras"
+    assert found.origin["folder"] == "../cameras"
 
 
 def test_swept_pictures_are_the_files_of_their_items(tmp_path: Path):
@@ -160,7 +160,7 @@ def test_what_a_microscope_does_not_expose(tmp_path: Path):
     with pytest.raises(FormatError, match=r"lines_nm\.1 = 280\): Light reaches the sensor"):
         items(tmp_path, sweep)
     camera_file(tmp_path, camera + PICTURE)
-    with pytest.raises(FormatError, match="exposes points, and the scene has pictures"):
+    with pytest.raises(FormatError, match="must consist of points, got pictures"):
         items(tmp_path)
 
 
@@ -242,7 +242,7 @@ def test_a_slide_in_random_light_is_the_same_each_time(tmp_path: Path, device: D
     (source,) = items(tmp_path)
     steps: list[tuple[int, int]] = []
     first = simulate(
-        source.words,
+        source.origin,
         device=device,
         base=tmp_path,
         progress=lambda done, total: steps.append((done, total)),
@@ -318,9 +318,9 @@ def test_a_scene_through_a_camera(tmp_path: Path, device: Device):
 
 
 def test_every_kind(tmp_path: Path):
-    found = scenes(tmp_path, kind=["bars", EVERY])
+    found = scenes(tmp_path, kind=["bars", ALL_KINDS])
     assert [one.name for one in found] == [f"{kind}_0" for kind in SCENES]
-    assert {tuple(one.words["shape"]) for one in found} == {(512, 512)}
+    assert {tuple(one.origin["shape"]) for one in found} == {(512, 512)}
 
 
 def test_scenes_that_cannot_be_seen(tmp_path: Path):
@@ -330,7 +330,7 @@ def test_scenes_that_cannot_be_seen(tmp_path: Path):
         ({"camera": "small.toml"}, r"small\.toml, item 'pyramids_0': Surface \d+, a plane of slo"),
         (
             {"camera": "small.toml", "sweep": [{"key": "scene.x", "values": [0]}]},
-            r"the key 'scene\.x' leads nowhere: the file has no table 'scene'; there are camera",
+            r"the key 'scene\.x' does not exist: the file has no table 'scene'; tables: camera",
         ),
     ):
         camera_file(tmp_path, SMALL)
@@ -357,4 +357,4 @@ def test_a_camera_refuses_a_steep_scene_in_the_same_words(
 def test_no_sample_scene_is_steeper_than_is_assumed(seed: int):
     for one in sample_scenes(seed, (60, 97)):
         slopes = [sum(map(abs, p.slope)) for p in one.scene.surfaces if isinstance(p, Plane)]
-        assert max(slopes, default=0) * 30 < STEEPEST
+        assert max(slopes, default=0) * 30 < MAX_SLOPE

@@ -104,11 +104,11 @@ def test_a_stack_becomes_a_file(tmp_path, camera, stack):
     result = CliRunner().invoke(main, [*map(str, words), "--planes-um", "-20:20:3"])
     assert "3 hot pixels in 3 frames are replaced" in result.output
     assert result.exit_code == 0, result.output
-    assert "measured; the z given lie" in result.output
+    assert "measured. The given z" in result.output
     assert len(read_point_images(psf).planes) == 3
     result = CliRunner().invoke(main, [*map(str, words), "--planes-um", "-20:20:4", "--force"])
     assert result.exit_code == 1
-    assert "has 3 frames, and there are 4 planes" in result.output
+    assert "must have a frame for each of the 4 planes, got 3" in result.output
 
 
 def test_stacks_that_cannot_be(device, camera, stack):

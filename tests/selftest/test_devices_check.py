@@ -75,10 +75,15 @@ def test_every_check_passes(device: Device) -> None:
 
 def test_a_failed_check_is_status_1(given: list[CheckResult]) -> None:
     given += [GOOD]
-    assert run("--check").exit_code == 0
+    fit = run("--check")
+    assert fit.exit_code == 0
+    assert fit.output.splitlines()[-1].startswith("Fit for use: ")
     given += [BAD]
     result = run("--check")
     assert result.exit_code == 1
+    last = result.output.splitlines()[-1]
+    assert last.startswith("Not fit for use: ")
+    assert last.endswith(" (failed: shear).")
     assert "wrong values; kernels: shear.cl" in result.output
     assert "1 checks ok, 1 FAILED, 1.5 s: shear" in result.output
 
@@ -104,7 +109,7 @@ def test_json(given: list[CheckResult]) -> None:
 def test_words_that_do_not_fit_are_refused() -> None:
     result = run("--json")
     assert result.exit_code == 2
-    assert "--json belongs to --check" in result.stderr
+    assert "--json applies to --check" in result.stderr
     result = run("--check", "--device", "zebra")
     assert result.exit_code == 1
     assert "No OpenCL device matches 'zebra'" in result.stderr

@@ -250,6 +250,46 @@ def run(*words: str) -> str:
     return str(done.output)
 
 
+def test_copied_commands_protect_the_names_of_files(browser, tmp_path):
+    path = tmp_path / "page.html"
+    clplen.io.write_html(path, planes((0.5, -0.5)))
+    page = open_page(browser, path)
+    for name, word in {
+        "-rf.h5": "./-rf.h5",
+        "a 'b'.h5": "'a '\\''b'\\''.h5'",
+        "a\n\x1b[1m\\.h5": r"$'a\x0a\x1b[1m\\.h5'",
+    }.items():
+        evaluate(page, "input => (clplen.view.item.command = { input, options: [] })", name)
+        command = str(evaluate(page, "clplen.view.command()"))
+        assert f" {word} -o picture.png " in command
+        words = subprocess.run(
+            ["bash", "-c", f"printf '%s\\0' {command}"], capture_output=True, text=True, check=True
+        ).stdout.split("\0")
+        assert words[2].removeprefix("./") == name
+    page.context.close()
+
+
+def test_a_hint_stays_until_its_actions_were_done_once(browser, tmp_path):
+    path = tmp_path / "page.html"
+    clplen.io.write_html(path, planes((0.8, -0.8), size=80))
+    page = open_page(browser, path)
+    hint = page.locator(".hint")
+    assert hint.inner_text() == "Drag to look around. Click to focus. Press ? for all keys."
+    assert (
+        page.locator(".status").inner_text().startswith("View (v, u) = (3, 3) of 7 x 7; focus at")
+    )
+    page.locator(".stage").first.focus()
+    page.keyboard.press("ArrowLeft")
+    assert hint.inner_text() == "Click to focus. Press ? for all keys."
+    page.locator(".stage canvas").first.click()
+    assert hint.is_hidden()
+    assert "All 7 x 7 views; focus at disparity" in page.locator(".status").inner_text()
+    page.reload()
+    page.evaluate(accuracy_viewer.READY)
+    assert hint.is_hidden()
+    page.context.close()
+
+
 def test_the_link_brings_the_view_back(browser, tmp_path):
     path = tmp_path / "page.html"
     clplen.io.write_html(path, planes((0.8, -0.6)))
@@ -476,7 +516,7 @@ def test_the_widget_in_a_notebook(browser):
     page.wait_for_selector("#cell .stage canvas")
     page.wait_for_timeout(300)
     assert page.evaluate("location.hash") == ""  # the notebook's address is not the viewer's
-    page.get_by_role("button", name="Find depth").click()
+    page.get_by_role("button", name="Compute depth").click()
     page.wait_for_timeout(100)
     asked = page.evaluate("window.sent")
     assert asked["request"]["kind"] == "depth"

@@ -16,7 +16,7 @@ import pytest
 
 from clplen.errors import ShapeError
 from clplen.viewer import computations
-from clplen.viewer.server import ADDRESS, MAX_CONNECTIONS, MOST_BODY, ViewerServer
+from clplen.viewer.server import ADDRESS, MAX_BODY, MAX_CONNECTIONS, ViewerServer
 
 PAGE = b"<!doctype html><title>page</title>"
 
@@ -192,7 +192,7 @@ def test_bodies_that_are_refused(server, computing):
         ({**request(), "request": []}, {}, 400),
         (request(), {"Content_Type": "text/plain"}, 415),
         (request(), {"Content_Type": None}, 415),
-        (b"x" * (MOST_BODY + 1), {}, 413),
+        (b"x" * (MAX_BODY + 1), {}, 413),
         (None, {"Content_Length": "99999999999999999999"}, 413),
         (None, {"Content_Length": "-5"}, 400),
         (None, {"Content_Length": "0x10"}, 400),
@@ -252,7 +252,7 @@ def test_a_newer_request_drops_the_older_one(server, computing):
 
 
 def test_too_many_wait(server, computing, monkeypatch):
-    monkeypatch.setattr(computations, "MOST_WAITING", 2)
+    monkeypatch.setattr(computations, "MAX_WAITING", 2)
     threads = [
         threading.Thread(target=compute, args=(server, request(wait=True, page=f"{n:012}")))
         for n in range(2)
@@ -407,7 +407,7 @@ def test_a_port_that_is_taken_and_one_that_is_none(server):
         other.bind((ADDRESS, 0))
         other.listen()
         port = other.getsockname()[1]
-        with pytest.raises(OSError, match=f"Port {port} is taken by another program"):
+        with pytest.raises(OSError, match=f"Port {port} is used by another program"):
             ViewerServer(PAGE, [], port=port)
     for wrong in (-1, 65536):
         with pytest.raises(ValueError, match="0 to 65535"):

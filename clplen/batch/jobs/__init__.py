@@ -1,1 +1,1 @@
-"""What a job asks for: a job file or keyword arguments come in, a list of tasks leaves."""
+"""Job descriptions: turn a job file or keyword arguments into a list of tasks."""

@@ -1,4 +1,4 @@
-"""The items of a job: one for each light field, with a name of its own."""
+"""Items of a job: a named task for each light field."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from clplen.batch.jobs.task import Source, Task
 from clplen.errors import ClplenError, FormatError
 from clplen.io.lightfields.lightfield_files import files_of
 
-# Words of layout that may name files; a calibration may be a folder.
-_BESIDE = ("white", "dark", "grid", "calibration", "positions", "intrinsics")
-_NAMES = "names"  # the one word of positions that is no file
+# Layout settings that may be file names; a calibration may be a folder.
+FILE_SETTINGS = ("white", "dark", "grid", "calibration", "positions", "intrinsics")
+_NAMES = "names"  # positions = "names" is no file name
 
 
 def tasks_of(job: JobSpec) -> list[Task]:
-    """What the job asks for, in the order of its tables."""
+    """Return the tasks of a job, in the order of its tables."""
     sources = list(_sources(job))
     _check_names(sources)
     work: dict[str, Any] = {
@@ -32,21 +32,24 @@ def tasks_of(job: JobSpec) -> list[Task]:
     work["formats"] = sorted(set(job.formats))
     output, base = str(job.output_folder), str(job.folder)
     shared = _shared(job)
-    return [Task(one.name, output, one.words, work, base, (*one.files, *shared)) for one in sources]
+    return [
+        Task(source.name, output, source.origin, work, base, (*source.files, *shared))
+        for source in sources
+    ]
 
 
 def _shared(job: JobSpec) -> tuple[str, ...]:
-    """Files that all items read."""
+    """Return the files that all items read."""
     if job.deconvolve is None:
         return ()
     psf = job.deconvolve.psf
     if not (job.folder / psf).is_file():
         raise FormatError(
-            f"deconvolve.psf: there is no file {job.folder / psf}: mend the name, or make it by "
-            "'clplen microscope psf'."
+            f"deconvolve.psf: the file {job.folder / psf} does not exist: correct the name, or "
+            "create the file with 'clplen microscope psf'."
         )
-    beside = (job.deconvolve.mask, job.deconvolve.lattice)
-    return (psf, *(name for name in beside if name is not None))
+    others = (job.deconvolve.mask, job.deconvolve.lattice)
+    return (psf, *(name for name in others if name is not None))
 
 
 def _sources(job: JobSpec) -> Iterator[Source]:
@@ -66,9 +69,11 @@ def _named(sources: list[Source], key: str) -> list[Source]:
 
 def _files(inputs: InputTable, job: JobSpec, key: str) -> Iterator[Source]:
     layout = _layout(inputs, job.folder, key)
-    found: dict[str, None] = {}
+    paths: dict[str, None] = {}
     output = Path(os.path.realpath(job.output_folder))
-    beside = {os.path.realpath(job.folder / layout[word]) for word in _BESIDE if word in layout}
+    auxiliary = {
+        os.path.realpath(job.folder / layout[key]) for key in FILE_SETTINGS if key in layout
+    }
     for pattern in inputs.files:
         matches = sorted(glob.glob(pattern, root_dir=job.folder, recursive=True))
         real = (Path(os.path.realpath(job.folder / path)) for path in matches)
@@ -77,50 +82,51 @@ def _files(inputs: InputTable, job: JobSpec, key: str) -> Iterator[Source]:
         ]
         if not outside:
             raise FormatError(
-                f"{key}.files: {pattern!r} names no file in {job.folder}: mend the pattern."
+                f"{key}.files: {pattern!r} matches no file in {job.folder}: correct the pattern."
                 if not matches
-                else f"{key}.files: {pattern!r} names only what lies in the output {output}: give "
+                else f"{key}.files: {pattern!r} matches only files in the output {output}: give "
                 "the job another output."
             )
-        found |= dict.fromkeys(
-            path for path in outside if os.path.realpath(job.folder / path) not in beside
+        paths |= dict.fromkeys(
+            path for path in outside if os.path.realpath(job.folder / path) not in auxiliary
         )
-    for index, path in enumerate(found):
-        words = {"kind": "file", "path": path, "layout": layout}
+    for index, path in enumerate(paths):
+        origin = {"kind": "file", "path": path, "layout": layout}
         name = _name(inputs.name, path, index, key)
-        yield Source(name, words, _files_of(path, layout, job.folder))
+        yield Source(name, origin, _files_of(path, layout, job.folder))
 
 
 def _layout(inputs: InputTable, folder: Path, key: str) -> dict[str, Any]:
-    """The words that were given; files that they name are there."""
-    words = inputs.layout.model_dump(mode="json", exclude_defaults=True)
-    for word in _BESIDE:
-        if word in words and words[word] != _NAMES and not (folder / words[word]).exists():
+    """Return the layout settings that differ from the defaults; check that their files exist."""
+    layout = inputs.layout.model_dump(mode="json", exclude_defaults=True)
+    for name in FILE_SETTINGS:
+        if name in layout and layout[name] != _NAMES and not (folder / layout[name]).exists():
             raise FormatError(
-                f"{key}.layout.{word}: there is no file {folder / words[word]}: mend the name."
+                f"{key}.layout.{name}: the file {folder / layout[name]} does not exist: correct "
+                "the name."
             )
-    return words
+    return layout
 
 
-def layout_in(words: dict[str, Any], base: str) -> dict[str, Any]:
-    """The words of layout as the readers take them: files seen from the folder of the job."""
-    known = {
-        word: str(Path(base, value)) if word in _BESIDE and value != _NAMES else value
-        for word, value in words.items()
+def absolute_layout(layout: dict[str, Any], base: str) -> dict[str, Any]:
+    """Return layout settings for the readers, with paths relative to the folder of the job."""
+    settings = {
+        key: str(Path(base, value)) if key in FILE_SETTINGS and value != _NAMES else value
+        for key, value in layout.items()
     }
-    return known | ({"views": tuple(known["views"])} if "views" in known else {})
+    return settings | ({"views": tuple(settings["views"])} if "views" in settings else {})
 
 
 def _files_of(path: str, layout: dict[str, Any], folder: Path) -> tuple[str, ...]:
-    """The files of a light field; where they cannot be told, reading it says why."""
-    named = [layout[word] for word in _BESIDE if layout.get(word, _NAMES) != _NAMES]
-    beside = [name for name in named if not (folder / name).is_dir()]
+    """Return the files of a light field; of an unreadable light field, its path."""
+    names = [layout[key] for key in FILE_SETTINGS if layout.get(key, _NAMES) != _NAMES]
+    auxiliary = [name for name in names if not (folder / name).is_dir()]
     try:
-        inside = files_of(folder / path, **layout_in(layout, str(folder)))
-    except (ClplenError, ValueError, OSError):
-        return (path, *beside)
-    own = [file for file in inside if _is_inside(file, folder / path)]
-    return (*(os.path.relpath(file, folder) for file in own), *beside) if own else (path, *beside)
+        files = files_of(folder / path, **absolute_layout(layout, str(folder)))
+    except (ClplenError, ValueError, OSError):  # raised again when the item is read
+        return (path, *auxiliary)
+    inside = [os.path.relpath(file, folder) for file in files if _is_inside(file, folder / path)]
+    return (*(inside or [path]), *auxiliary)
 
 
 def _is_inside(path: Path, folder: Path) -> bool:
@@ -129,7 +135,7 @@ def _is_inside(path: Path, folder: Path) -> bool:
 
 def _name(template: str, path: str, index: int, key: str) -> str:
     file = Path(path)
-    words = {
+    fields = {
         "stem": file.name if file.suffix == "" else file.stem,
         "name": file.name,
         "parent": file.parent.name,
@@ -137,11 +143,11 @@ def _name(template: str, path: str, index: int, key: str) -> str:
         "index": index,
     }
     try:
-        name = template.format(**words)
+        name = template.format(**fields)
     except (KeyError, IndexError, ValueError, AttributeError, TypeError) as error:
         raise FormatError(
-            f"{key}.name: {template!r} is no name: it may hold "
-            f"{', '.join('{' + word + '}' for word in words)}, such as '{{parent}}_{{stem}}'."
+            f"{key}.name: {template!r} is not a valid template: use "
+            f"{', '.join('{' + name + '}' for name in fields)}, such as '{{parent}}_{{stem}}'."
         ) from error
     _check_name(name, key)
     return name
@@ -151,31 +157,30 @@ def _check_name(name: str, key: str) -> None:
     parts = PurePosixPath(name).parts
     if not parts or any(part.startswith(".") for part in parts) or name.startswith("/"):
         raise FormatError(
-            f"{key}.name: an item cannot have the name {name}: its folder lies in the output's, "
-            "and begins with no dot; give another, such as name = 'views'."
+            f"{key}.name: an item name must be a path inside the output folder without leading "
+            f"dots, got {name}: give another name, such as name = 'views'."
         )
 
 
 def _check_names(sources: list[Source]) -> None:
-    """One folder for each item, none in another's."""
+    """Raise an error if two items have one folder, or an item lies in the folder of another."""
     first: dict[str, Source] = {}
     for source in sources:
-        name = source.name.casefold()  # some disks know no difference
+        name = source.name.casefold()  # some file systems ignore case
         if name in first:
             raise FormatError(
-                f"Two inputs, {_described(first[name])} and {_described(source)}, have the output "
-                f"name {source.name}: give their table a name, such as "
-                "name = '{parent}_{stem}'."
+                f"Two inputs, {_label(first[name])} and {_label(source)}, have the output name "
+                f"{source.name}: set name in their table, such as name = '{{parent}}_{{stem}}'."
             )
         first[name] = source
     for name, source in first.items():
         for above in PurePosixPath(name).parents:
             if str(above) in first:
                 raise FormatError(
-                    f"The outputs of {source.name} would lie in those of "
+                    f"The output folder of {source.name} would lie inside that of "
                     f"{first[str(above)].name}: give one of them another name."
                 )
 
 
-def _described(source: Source) -> str:
-    return str(source.words.get("path", source.name))
+def _label(source: Source) -> str:
+    return str(source.origin.get("path", source.name))

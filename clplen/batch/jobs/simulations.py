@@ -1,4 +1,4 @@
-"""Simulations and sample scenes that a job asks for: one source each, checked, not computed."""
+"""Sources of the simulations and sample scenes of a job, checked but not computed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from clplen.batch.jobs.sweep import Setting, combinations, label, with_values
-from clplen.batch.jobs.tables import EVERY, SceneTable, SimulationTable
+from clplen.batch.jobs.tables import ALL_KINDS, SceneTable, SimulationTable
 from clplen.batch.jobs.task import Source
 from clplen.cameras.camera_base import Plenoptic
 from clplen.cameras.exposure.surface_rays import view_reach
@@ -30,72 +30,74 @@ from clplen.config.tables import Table, problems_of, read_toml, value_of
 from clplen.errors import ClplenError, FormatError
 from clplen.wave.elements.lens import check_lens_sampling
 
-STEEPEST = 8.0  # |gy| + |gx| of a sample scene's planes, below this over half the shorter side
+# Upper bound of |gy| + |gx| of the planes of a sample scene, times half the shorter side.
+MAX_SLOPE = 8.0
 
 Model = TypeVar("Model", bound=BaseModel)
 
 
 class InstrumentFile(Table):
-    """A camera file as scenes use it: without its own scene and the light on it."""
+    """Camera file for sample scenes, without its scene and coherence."""
 
     camera: CameraTable
     sensor: SensorTable | None = None
 
 
 def simulations_of(table: SimulationTable, folder: Path) -> list[Source]:
-    """The items of a camera file, one for each combination of what is swept.
+    """Return a source for each combination of swept values of a camera file.
 
-    Nothing is simulated, but every rule that a camera, its sensor and its scene of points and
-    pictures must obey is checked.
+    The rules for camera, sensor and scene are checked without any simulation.
     """
     path = folder / table.camera
     content, device = _content(path), _any_device()
-    known: dict[PictureTable, PointSources] = {}
-    found = []
+    corners: dict[PictureTable, PointSources] = {}
+    sources = []
     for settings in combinations(table.sweep):
         name = _joined(table.name or path.stem, label(settings))
-        with _said_of(path, name, settings):
+        with _error_context(path, name, settings):
             changed = with_values(content, settings)
             file = validate_content(CameraFile, changed, path.parent)
-            _check_camera(file, _extent(file.scene, known), device)
-        words = {"kind": "camera", "content": changed, "folder": str(Path(table.camera).parent)}
-        files = tuple(os.path.relpath(one, folder) for one in _files(file))
-        found.append(Source(name, words, files))
-    return found
+            _check_camera(file, _extent(file.scene, corners), device)
+        origin = {"kind": "camera", "content": changed, "folder": str(Path(table.camera).parent)}
+        files = tuple(os.path.relpath(file_path, folder) for file_path in _files(file))
+        sources.append(Source(name, origin, files))
+    return sources
 
 
 def scenes_of(table: SceneTable, folder: Path) -> list[Source]:
-    """The items of sample scenes, one for each kind, seed and combination of what is swept."""
+    """Return a source for each kind, seed and combination of swept values of sample scenes."""
     path = folder / (table.camera or "")
-    content = _own_content(table) if table.camera is None else _instrument_content(path)
+    content = _scene_content(table) if table.camera is None else _instrument_content(path)
     device = None if table.camera is None else _any_device()
-    kinds = list(SCENES) if EVERY in table.kind else table.kind
-    found = []
+    kinds = list(SCENES) if ALL_KINDS in table.kind else table.kind
+    sources = []
     for settings in combinations(table.sweep):
         for kind in dict.fromkeys(kinds):
             for seed in dict.fromkeys(table.seeds):
                 name = _joined(table.name, kind, str(seed), label(settings))
-                with _said_of(path if device else None, name, settings):
+                with _error_context(path if device else None, name, settings):
                     changed = with_values(content, settings)
-                    words = {"kind": "scene", "scene": kind, "seed": seed}
-                    words |= _seen(changed, words, device, path.parent)
-                found.append(Source(name, words))
-    return found
+                    origin = {"kind": "scene", "scene": kind, "seed": seed}
+                    origin |= _checked_views(changed, origin, device, path.parent)
+                sources.append(Source(name, origin))
+    return sources
 
 
 def check_traceable(camera: Plenoptic | Microscope) -> Plenoptic:
-    """A camera that rays are traced through."""
+    """Return a camera that supports ray tracing; raise an error for a microscope."""
     if isinstance(camera, Microscope):
         raise ValueError(
-            "Rays are not traced through a microscope: give a plenoptic1 or plenoptic2, or points."
+            "Rays cannot be traced through a microscope: use a camera of kind plenoptic1 or "
+            "plenoptic2, or [[simulations]] with points."
         )
     return camera
 
 
-def sample_scene(words: dict[str, Any], shape: tuple[int, ...]) -> SampleScene:
-    """The scene of a kind and a seed."""
+def sample_scene(origin: dict[str, Any], shape: tuple[int, ...]) -> SampleScene:
+    """Return the sample scene of a kind and seed."""
     ny, nx = shape
-    return next(one for one in sample_scenes(words["seed"], (ny, nx)) if one.name == words["scene"])
+    scenes = sample_scenes(origin["seed"], (ny, nx))
+    return next(scene for scene in scenes if scene.name == origin["scene"])
 
 
 def _content(path: Path) -> dict[str, Any]:
@@ -103,16 +105,16 @@ def _content(path: Path) -> dict[str, Any]:
 
 
 def _instrument_content(path: Path) -> dict[str, Any]:
-    own = ("scene", "coherence")
-    return {key: value for key, value in _content(path).items() if key not in own}
+    ignored = ("scene", "coherence")
+    return {key: value for key, value in _content(path).items() if key not in ignored}
 
 
-def _own_content(table: SceneTable) -> dict[str, Any]:
+def _scene_content(table: SceneTable) -> dict[str, Any]:
     return {"shape": list(table.shape), "views": list(table.views), "noise": table.noise}
 
 
 def _any_device() -> Device:
-    """A device to build cameras on: nothing is compiled for it, nor is memory taken."""
+    """Return a device for building cameras; no kernel is compiled and no memory allocated."""
     return Device.all()[0]
 
 
@@ -121,15 +123,15 @@ def _joined(*parts: str | None) -> str:
 
 
 @contextmanager
-def _said_of(path: Path | None, name: str, settings: Iterable[Setting]) -> Iterator[None]:
-    """Put file, item and values before what is wrong with them."""
+def _error_context(path: Path | None, name: str, settings: Iterable[Setting]) -> Iterator[None]:
+    """Prepend file, item and swept values to error messages."""
     try:
         yield
     except (ValueError, ClplenError) as error:
-        values = ", ".join(f"{one.key} = {one.value!r}" for one in settings)
+        values = ", ".join(f"{setting.key} = {setting.value!r}" for setting in settings)
         item = f"item {name!r}" + (f" ({values})" if values else "")
-        where = "" if path is None else f"{path}, "
-        raise FormatError(f"{where}{item}: {str(error).rstrip('.')}.") from error
+        file_prefix = "" if path is None else f"{path}, "
+        raise FormatError(f"{file_prefix}{item}: {str(error).rstrip('.')}.") from error
 
 
 def validate_content(model: type[Model], content: dict[str, Any], folder: Path) -> Model:
@@ -140,32 +142,35 @@ def validate_content(model: type[Model], content: dict[str, Any], folder: Path) 
 
 
 def _files(file: CameraFile) -> list[Path]:
-    """What a camera file reads."""
+    """Return the files that a camera file reads."""
     lamp = None if file.coherence is None else file.coherence.spectrum_file
     pictures = [picture.file for picture in file.scene.pictures]
     return list(dict.fromkeys(pictures if lamp is None else [*pictures, lamp]))
 
 
-def _extent(scene: SceneKeys, known: dict[PictureTable, PointSources]) -> list[PointSources]:
-    """Points, and the corners of pictures; a picture is read once for all depths."""
-    found: list[Any] = scene.model_copy(update={"pictures": []}).build()
+def _extent(scene: SceneKeys, corners: dict[PictureTable, PointSources]) -> list[PointSources]:
+    """Return the points and the corners of pictures; ``corners`` caches pictures at z = 0."""
+    extent: list[Any] = scene.model_copy(update={"pictures": []}).build()
     for number, picture in enumerate(scene.pictures):
         flat = picture.model_copy(update={"z_mm": 0.0})
-        if flat not in known:
+        if flat not in corners:
             with value_of(f"scene.pictures.{number}.file"):
-                known[flat] = flat.build().corners()
-        moved = np.array([0, 0, picture.z_mm / 1e3])
-        found.append(PointSources(known[flat].positions + moved))
-    return found
+                corners[flat] = flat.build().corners()
+        offset = np.array([0, 0, picture.z_mm / 1e3])
+        extent.append(PointSources(corners[flat].positions + offset))
+    return extent
 
 
 def _check_camera(file: CameraFile, extent: list[PointSources], device: Device) -> None:
-    """Refuse what `Plenoptic.expose` would refuse before it computes."""
+    """Apply the checks of `Plenoptic.expose` without computing an exposure."""
     camera = _built(file, device)
     light = file.light()
     if isinstance(camera, Microscope):
         if file.scene.pictures:
-            raise ValueError("A microscope exposes points, and the scene has pictures.")
+            raise ValueError(
+                "The scene of a microscope must consist of points, got pictures: leave out "
+                "[[scene.pictures]]."
+            )
         for wavelength, _ in camera.lines(light):
             for part in extent:
                 replace(camera, wavelength=wavelength).window(part)
@@ -179,7 +184,7 @@ def _check_camera(file: CameraFile, extent: list[PointSources], device: Device) 
 
 
 def _check_lenses(file: CameraFile, camera: Plenoptic) -> None:
-    """Refuse lenses, before slides and at the array, whose phase the pixels do not sample."""
+    """Raise an error if the pixels undersample the phase of a field lens or slide lens."""
     lenses: list[tuple[float, float | None]] = []  # focal length, radius
     if camera.field_lens:
         lenses.append((camera.array_distance, None))
@@ -198,23 +203,23 @@ def _built(file: CameraFile | InstrumentFile, device: Device) -> Plenoptic | Mic
     return file.camera.build(device)
 
 
-def _seen(
-    content: dict[str, Any], words: dict[str, Any], device: Device | None, folder: Path
+def _checked_views(
+    content: dict[str, Any], origin: dict[str, Any], device: Device | None, folder: Path
 ) -> dict[str, Any]:
-    """The words on who sees a scene, checked."""
+    """Return the settings of the views or the camera of a scene, after checking them."""
     if device is None:
-        known = validate_content(SceneTable, {"kind": words["scene"], **content}, folder)
-        V, U = known.views
-        _check_steepness(words, known.shape, ((V - 1) / 2, (U - 1) / 2))
-        return _own_content(known)
+        table = validate_content(SceneTable, {"kind": origin["scene"], **content}, folder)
+        V, U = table.views
+        _check_slopes(origin, table.shape, ((V - 1) / 2, (U - 1) / 2))
+        return _scene_content(table)
     camera = check_traceable(_built(validate_content(InstrumentFile, content, folder), device))
-    _check_steepness(words, camera.mla.count, view_reach(camera))
+    _check_slopes(origin, camera.mla.count, view_reach(camera))
     return {"content": content}
 
 
-def _check_steepness(
-    words: dict[str, Any], shape: tuple[int, int], reach: tuple[float, float]
+def _check_slopes(
+    origin: dict[str, Any], shape: tuple[int, int], reach: tuple[float, float]
 ) -> None:
-    """Refuse planes that are seen edge-on; a scene is drawn only where that may be."""
-    if max(reach) * STEEPEST / (min(shape) / 2) > 1 - EDGE_ON:
-        sample_scene(words, shape).scene.check_views(*reach)
+    """Raise an error if views see planes edge-on; draw the scene only if the bound allows it."""
+    if max(reach) * MAX_SLOPE / (min(shape) / 2) > 1 - EDGE_ON:
+        sample_scene(origin, shape).scene.check_views(*reach)

@@ -1,4 +1,4 @@
-"""The content of a job: what is read, what is made of it, and where it goes."""
+"""Content of a job file: inputs, operations and output."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ Spec = TypeVar("Spec", bound="JobSpec")
 
 
 class JobSpec(RunTable):
-    """Many light fields, and what is made of each; `clplen.batch.Job` runs it."""
+    """Inputs, operations and output of a job; `clplen.batch.Job` runs it."""
 
     output: str = setting(
-        ..., "Folder of the results, with a folder for each item.", example="results"
+        ..., "Folder of the results; each item has its own folder inside.", example="results"
     )
     formats: Annotated[list[Format], BeforeValidator(listed), Field(min_length=1)] = setting(
         ["ome-tiff"], 'Formats of stacks, maps and pictures: "ome-tiff", "ome-zarr" or both.'
@@ -64,16 +64,16 @@ class JobSpec(RunTable):
             )
         if self.inputs and not any(getattr(self, name) is not None for name in WORK[:-1]):
             raise ValueError(
-                "the job makes nothing of its inputs: give [stack], [depth], [all_in_focus], "
+                "the job has inputs but no operation: give [stack], [depth], [all_in_focus], "
                 "[views], [light_field] or [deconvolve]"
             )
-        strange = [
-            f"inputs.{i}.layout.{word}"
-            for i, one in enumerate(self.inputs)
-            for word in sorted(one.layout.model_fields_set - {"white", "dark", "force"})
+        unused = [
+            f"inputs.{i}.layout.{key}"
+            for i, table in enumerate(self.inputs)
+            for key in sorted(table.layout.model_fields_set - {"white", "dark", "force"})
         ]
-        if strange and not any(getattr(self, name) is not None for name in WORK[:-2]):
-            raise ValueError(f"{strange[0]} says nothing to [deconvolve]: leave it out")
+        if unused and not any(getattr(self, name) is not None for name in WORK[:-2]):
+            raise ValueError(f"{unused[0]} is not used by [deconvolve]: leave it out")
         return self
 
     @classmethod
@@ -83,8 +83,8 @@ class JobSpec(RunTable):
         Parameters
         ----------
         path : path-like
-            TOML as ``clplen batch --example`` prints it. Files that it names are seen from its
-            folder.
+            TOML file as printed by ``clplen batch --example``. Relative paths in it are resolved
+            against its folder.
 
         Returns
         -------
@@ -93,15 +93,15 @@ class JobSpec(RunTable):
         Raises
         ------
         FormatError
-            If there is no such file, it is not TOML, or a key is unknown (with the nearest known
-            one), missing or out of range, or does not fit the others.
+            If the file does not exist or is not TOML, or a key is unknown (the message suggests
+            the nearest valid key), missing, out of range or inconsistent with others.
         """
         path = Path(path)
         content = read_toml(path, f"job file {path}; 'clplen batch --example' prints one")
         return validated(cls, content, path).relative_to(path.parent)
 
     def relative_to(self: Spec, folder: PathLike) -> Spec:
-        """The same job with file names relative to another folder than the current one."""
+        """Return a copy of the job that resolves relative paths against a folder."""
         job = self.model_copy()
         job._folder = Path(folder).absolute()
         return job
@@ -113,72 +113,72 @@ class JobSpec(RunTable):
         device: str | list[str] | None = None,
         memory: int | str | None = None,
     ) -> Spec:
-        """The same job with other settings of its run; see `clplen.batch.run_job`."""
-        given = {"workers": workers, "device": device, "memory": memory}
-        given = {name: value for name, value in given.items() if value is not None}
+        """Return a copy of the job with other run settings; see `clplen.batch.run_job`."""
+        settings = {"workers": workers, "device": device, "memory": memory}
+        settings = {name: value for name, value in settings.items() if value is not None}
         try:
-            how = RunTable.model_validate(given)
+            table = RunTable.model_validate(settings)
         except ValidationError as error:
             raise FormatError(f"{problems_of(RunTable, error)}.") from error
-        return self.model_copy(update={name: getattr(how, name) for name in given})
+        return self.model_copy(update={name: getattr(table, name) for name in settings})
 
     @property
     def folder(self) -> Path:
-        """From where names of files are seen."""
+        """Folder that relative paths are resolved against."""
         return self._folder
 
     @property
     def output_folder(self) -> Path:
-        """Where the results go."""
+        """Folder of the results."""
         return self._folder / self.output
 
     def contents(self) -> dict[str, Any]:
-        """All keys that decide the results, without those of the run: for comparing jobs."""
-        how = {*RunTable.model_fields, "output"}
-        return self.model_dump(mode="json", exclude=how, exclude_defaults=True)
+        """Return the settings that affect the results, for comparing jobs."""
+        run_settings = {*RunTable.model_fields, "output"}
+        return self.model_dump(mode="json", exclude=run_settings, exclude_defaults=True)
 
 
-# Headers of a commented job file with their tables and comments; "" is the file itself.
+# Headers of a commented job file with their models and comments; "" is the top level.
 _TABLES: tuple[tuple[str, type[Table], str], ...] = (
     ("", JobSpec, ""),
-    ("[inputs]", InputTable, "your own files, in place of the [[scenes]] below"),
-    ("inputs.layout", LayoutTable, "how the files are read, as by read_lightfield in Python"),
+    ("[inputs]", InputTable, "your files, instead of the [[scenes]] below"),
+    ("inputs.layout", LayoutTable, "layout of the files, as in read_lightfield"),
     ("[simulations]", SimulationTable, "light fields of a camera file"),
     ("[simulations.sweep]", SweepTable, "one item for each combination of all sweeps"),
-    ("[scenes]", SceneTable, "scenes whose depth is known exactly"),
-    ("[scenes.sweep]", SweepTable, "keys: shape, views and noise, or those of the camera file"),
+    ("[scenes]", SceneTable, "synthetic scenes with exact depth"),
+    ("[scenes.sweep]", SweepTable, "keys: shape, views, noise, or keys of the camera file"),
     ("stack", StackTable, "pictures refocused at many planes"),
-    ("depth", DepthTable, "disparity, confidence, and alpha and z where they are known"),
-    ("all_in_focus", AllInFocusTable, "sharp everywhere; by the depth map where there is one"),
+    ("depth", DepthTable, "disparity, confidence; alpha and z if the camera is known"),
+    ("all_in_focus", AllInFocusTable, "sharp everywhere; uses the map of [depth] if present"),
     ("views", ViewsTable, "single views"),
-    ("light_field", LightFieldTable, "the light field, as it was decoded"),
-    ("deconvolve", DeconvolveTable, "the volume behind raw frames of a light-field microscope"),
-    ("raw", RawTable, "the raw image of simulations and scenes; it has no keys"),
+    ("light_field", LightFieldTable, "decoded light field"),
+    ("deconvolve", DeconvolveTable, "volumes from raw frames of a light-field microscope"),
+    ("raw", RawTable, "raw image of simulations and scenes; has no keys"),
 )
-_SHOWN: dict[str, dict[str, Any]] = {  # keys that are not commented out
+_ACTIVE_KEYS: dict[str, dict[str, Any]] = {  # keys that are not commented out
     "": {"output": "results"},
     "[scenes]": {"kind": ["bars", "spheres"], "shape": [128, 128], "views": [5, 5]},
     "stack": {"disparities": "-2:2:41"},
 }
 _EXAMPLES = {"[scenes.sweep]": {"key": "noise", "values": [0.0, 0.1], "name": "noise"}}
-_HIDDEN = {"deconvolve": ("start", "motion_um", "batch", "rolling")}  # of series, refused in jobs
+_HIDDEN = {"deconvolve": ("start", "motion_um", "batch", "rolling")}  # for series only
 _INTRODUCTION = """\
-# Many light fields, and what is made of each: clplen batch job.toml
-# Keys and tables that begin with # are left out. Names of files are seen from the folder of this
-# file. Inputs are any of [[inputs]], [[simulations]] and [[scenes]], several of each; of each input
-# is made what the other tables ask for. Planes are "START:STOP:N" or a list of numbers.
+# Batch job for many light fields: clplen batch job.toml
+# Remove the # to activate a key or table. Relative paths are resolved against the folder of this
+# file. Light fields come from any number of [[inputs]], [[simulations]] and [[scenes]]; the other
+# tables are applied to each of them. Planes are "START:STOP:N" or a list of numbers.
 """
 
 
 def commented_job() -> str:
-    """Return a job file that shows every key with a comment."""
+    """Return a job file with a comment on every key."""
     parts = [_INTRODUCTION]
-    for header, model, words in _TABLES:
-        shown = _SHOWN.get(header, {})
+    for header, model, comment in _TABLES:
+        active = _ACTIVE_KEYS.get(header, {})
         examples, hidden = _EXAMPLES.get(header, {}), _HIDDEN.get(header, ())
-        lines = list(commented(model, shown=shown, examples=examples, hidden=hidden))
+        lines = list(commented(model, active=active, examples=examples, hidden=hidden))
         if header:
-            key = f"{'' if shown else '# '}[{header}]"
-            lines.insert(0, f"{key:<31} # {words}")
+            key = f"{'' if active else '# '}[{header}]"
+            lines.insert(0, f"{key:<31} # {comment}")
         parts.append("\n".join(lines) + "\n")
     return "\n".join(parts)

@@ -1,4 +1,4 @@
-"""Sources, tasks and reports of items, as they travel to workers: no arrays."""
+"""Sources, tasks and reports of items: small records that are sent to workers."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from typing import Any
 from clplen.files import is_plain_name
 from clplen.reprs import OneLine
 
-_INT64 = 1 << 63  # sizes and times of files are below
-_MAX_NESTING = 64  # levels of a report; those of camera files, the deepest part, are below ten
+_INT64 = 1 << 63  # upper bound of file sizes and times
+_MAX_NESTING = 64  # levels of a report; camera files, its deepest part, have fewer than ten
 
 
 @dataclass(frozen=True, repr=False)
 class Task(OneLine):
-    """One light field and what is made of it.
+    """Light field and the operations on it.
 
-    ``source`` says where the light field comes from: ``kind`` "file" with ``path`` and ``layout``,
-    "camera" or "scene" with the content of its file. ``files`` are seen from ``base``.
+    ``source`` describes the light field: ``kind`` "file" with ``path`` and ``layout``, or "camera"
+    or "scene" with the content of its file. ``files`` are relative to ``base``.
     """
 
     name: str
@@ -32,37 +32,37 @@ class Task(OneLine):
 
     @property
     def parameters(self) -> str:
-        """A digest of what decides the result, but for the content of the files."""
+        """Digest of all settings that affect the result, without the content of the files."""
         text = json.dumps([self.source, self.work], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
 
 @dataclass(frozen=True, repr=False)
 class Report(OneLine):
-    """What became of a task.
+    """Outcome of a task.
 
     Attributes
     ----------
     name : str
-        Of the item.
+        Name of the item.
     state : {"done", "failed"}
     parameters : str
-        As of the task.
+        Digest of the settings of the task.
     inputs : dict
-        Of each file: ``bytes``, ``changed`` (time, nanoseconds) and ``sha256``.
+        Properties of each file: ``bytes``, ``changed`` (time, nanoseconds) and ``sha256``.
     outputs : dict
-        Of each file or folder, by its name in the item's folder: ``bytes`` and ``sha256``.
+        Properties of each file or folder in the item's folder: ``bytes`` and ``sha256``.
     seconds : dict
-        By stage; ``total`` is all.
+        Time of each stage in seconds; ``total`` is the sum.
     started : float
-        Seconds since 1970.
+        Start, in seconds since 1970.
     device, software, worker : str
     settings : dict
         Source and work of the task.
     error : str
-        One sentence, if it failed.
+        Error message in one sentence; empty on success.
     passing : bool
-        Whether trying again may help.
+        True if the error may be temporary.
     """
 
     name: str
@@ -80,7 +80,7 @@ class Report(OneLine):
     passing: bool = False
 
     def to_json(self) -> str:
-        """As text."""
+        """Return the report as JSON text."""
         return json.dumps(asdict(self), sort_keys=True, indent=1)
 
     @classmethod
@@ -88,22 +88,24 @@ class Report(OneLine):
         """Read a report of unknown origin; raise ValueError if it is damaged or names a folder."""
         try:
             content = json.loads(text)
-            found = cls(**content)
+            report = cls(**content)
         except (TypeError, RecursionError) as error:
-            raise ValueError(f"It is no report: {error}.") from error
-        typical = cls("", "", "", 0.0)
+            raise ValueError(f"The file is not a report: {error}.") from error
+        blank = cls("", "", "", 0.0)
         if not (
-            all(type(getattr(found, f.name)) is type(getattr(typical, f.name)) for f in fields(cls))
-            and all(map(_is_finite, (found.started, *found.seconds.values())))
-            and all(_has_stamp(entry, "bytes", "changed") for entry in found.inputs.values())
-            and all(_has_stamp(entry, "bytes") for entry in found.outputs.values())
-            and all(map(is_plain_name, found.outputs))
-            and (found.outputs or found.state != "done")
+            all(type(getattr(report, f.name)) is type(getattr(blank, f.name)) for f in fields(cls))
+            and all(map(_is_finite, (report.started, *report.seconds.values())))
+            and all(_has_stamp(entry, "bytes", "changed") for entry in report.inputs.values())
+            and all(_has_stamp(entry, "bytes") for entry in report.outputs.values())
+            and all(map(is_plain_name, report.outputs))
+            and (report.outputs or report.state != "done")
             and _is_shallow(content, _MAX_NESTING)
         ):
-            raise ValueError("It is no report: a value is of another type, or a name leads away.")
-        "".join((found.device, found.software, found.worker)).encode()  # surrogates
-        return found
+            raise ValueError(
+                "The file is not a report: a value has a wrong type, or a name leaves the folder."
+            )
+        "".join((report.device, report.software, report.worker)).encode()  # rejects surrogates
+        return report
 
 
 def _is_finite(value: object) -> bool:
@@ -111,7 +113,7 @@ def _is_finite(value: object) -> bool:
 
 
 def _has_stamp(entry: Any, *names: str) -> bool:
-    """Return whether what is known of a file has a digest and whole numbers of these names."""
+    """Return True if the entry of a file has a digest and integers with these names."""
     if type(entry) is not dict or type(entry.get("sha256")) is not str:
         return False
     numbers = [entry.get(name) for name in names]
@@ -119,15 +121,15 @@ def _has_stamp(entry: Any, *names: str) -> bool:
 
 
 def _is_shallow(value: Any, levels: int) -> bool:
-    """Return whether JSON is nested no deeper than so many levels."""
+    """Return True if JSON data are nested at most ``levels`` deep."""
     inner = value.values() if type(value) is dict else value if type(value) is list else ()
-    return levels > 0 and all(_is_shallow(one, levels - 1) for one in inner)
+    return levels > 0 and all(_is_shallow(entry, levels - 1) for entry in inner)
 
 
 @dataclass(frozen=True)
 class Source:
-    """One light field of a job: what decides it (but for the content of files), what is read."""
+    """Light field of a job: its settings (without the content of files) and its files."""
 
     name: str
-    words: dict[str, Any]
+    origin: dict[str, Any]
     files: tuple[str, ...] = ()

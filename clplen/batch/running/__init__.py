@@ -1,1 +1,1 @@
-"""All items of a job: tasks and executors come in; a manifest and a summary leave."""
+"""Runs of jobs: execute tasks, keep the manifest, return a summary."""

@@ -1,7 +1,7 @@
-"""Executors on the workers of a Dask cluster, on this computer or on many.
+"""Executors on the workers of a Dask cluster, on this or several computers.
 
-Paths travel through the scheduler, arrays do not. A worker that dies is replaced where Dask does
-so, and its items are done again by another.
+The scheduler transmits paths, not arrays. Items of a worker that dies are repeated by another
+worker.
 """
 
 from __future__ import annotations
@@ -36,21 +36,21 @@ from clplen.batch.work.resources import PIPELINE_DEPTH
 from clplen.errors import DeviceError
 
 _log = logging.getLogger(__name__)
-_IN_FLIGHT = 4 * PIPELINE_DEPTH  # tasks of each worker that the scheduler knows of
-_ANSWER = 20.0  # seconds
-_LOOK = 1.0  # seconds after which workers are counted again
+TASKS_PER_WORKER = 4 * PIPELINE_DEPTH  # submitted at a time, so that no worker runs idle
+_ANSWER = 20.0  # timeout of the scheduler in seconds
+_LOOK = 1.0  # interval of counting workers in seconds
 _TLS_OPTIONS = {"--tls-ca-file": "ca_file", "--tls-cert": "cert", "--tls-key": "key"}
 _CANCELLED = ("cancelled", "lost")  # states of a future
-_LATE = (TimeoutError, asyncio.TimeoutError)  # two of them in Python 3.10
+_LATE = (TimeoutError, asyncio.TimeoutError)  # different classes in Python 3.10
 
 
 class ClusterExecutor:
-    """Does tasks on the workers of a Dask client."""
+    """Executor of tasks on the workers of a Dask client."""
 
     def __init__(self, client: Any, folder: Path, *, memory: int | None, sharing: int) -> None:
         self._client = client
         self._run = secrets.token_hex(4)
-        self._how = {
+        self._settings = {
             "run": self._run,
             "folder": str(folder),
             "memory": memory,
@@ -60,46 +60,48 @@ class ClusterExecutor:
         self._looked = -_LOOK
 
     def run(self, tasks: Iterable[Task]) -> Iterator[Report]:
-        """Do tasks, each once, and give their reports as they come.
+        """Execute each task and yield the reports in order of completion.
 
-        A worker that dies takes with it all that it was given, and results that were not fetched
-        yet: what was lost so is done again alone, so that only what kills its worker fails.
+        All tasks of a worker that dies are lost. They are repeated one by one, so that only a task
+        that kills its worker again is reported as failed.
         """
         lost: list[Task] = []
-        for task, future in self._ended(iter(tasks), self._window):
+        for task, future in self._completed(iter(tasks), self._window):
             if _was_killed(future) or self._was_dropped(future):
                 lost.append(task)
             else:
                 yield self._report(task, future)
-        for task, future in self._ended(iter(lost), lambda: 1):
+        for task, future in self._completed(iter(lost), lambda: 1):
             yield self._report(task, future)
 
-    def _ended(self, left: Iterator[Task], window: Callable[[], int]) -> Iterator[tuple[Task, Any]]:
-        """Tasks with their futures as they end; so many at a time are known to the scheduler."""
+    def _completed(
+        self, tasks: Iterator[Task], window: Callable[[], int]
+    ) -> Iterator[tuple[Task, Any]]:
+        """Yield tasks and futures in order of completion; submit up to ``window()`` at a time."""
         from distributed import as_completed
 
-        under_way: dict[Any, Task] = {}
+        pending: dict[Any, Task] = {}
         futures = as_completed(loop=self._client.loop, raise_errors=False)
         while True:
-            for task in itertools.islice(left, max(0, window() - len(under_way))):
-                future = self._submitted(task)
-                under_way[future.key] = task
+            for task in itertools.islice(tasks, max(0, window() - len(pending))):
+                future = self._submit(task)
+                pending[future.key] = task
                 futures.add(future)
-            if not under_way:
+            if not pending:
                 return
             future = next(futures)
-            yield under_way.pop(future.key), future
+            yield pending.pop(future.key), future
 
     def _window(self) -> int:
-        """How many tasks keep the workers busy that are there now."""
+        """Return the number of tasks that keeps the current workers busy."""
         if time.monotonic() >= self._looked + _LOOK:
             self._looked = time.monotonic()
-            with suppress(OSError, *_LATE):  # a scheduler that is lost cancels all tasks
+            with suppress(OSError, *_LATE):  # a lost scheduler cancels all tasks
                 self._workers = len(self._client.nthreads())
-        return max(1, self._workers) * _IN_FLIGHT
+        return max(1, self._workers) * TASKS_PER_WORKER
 
     def _was_dropped(self, future: Any) -> bool:
-        """Whether a task was cancelled by a scheduler that still answers."""
+        """Return True if a scheduler that still answers has cancelled a task."""
         if future.status not in _CANCELLED:
             return False
         try:
@@ -108,12 +110,12 @@ class ClusterExecutor:
             return False
         return bool(self._client.status == "running")
 
-    def _submitted(self, task: Task) -> Any:
+    def _submit(self, task: Task) -> Any:
         from clplen.batch.running.worker import execute_on_worker
 
         key = f"clplen-{self._run}-{secrets.token_hex(4)}-{task.name}"
         return self._client.submit(
-            execute_on_worker, asdict(task), self._how, __version__, key=key, pure=False
+            execute_on_worker, asdict(task), self._settings, __version__, key=key, pure=False
         )
 
     def _report(self, task: Task, future: Any) -> Report:
@@ -121,28 +123,28 @@ class ClusterExecutor:
             if future.status == "finished":
                 return Report(**future.result())
         except (OSError, *_LATE) as error:
-            raise _gone() from error
+            raise _scheduler_lost() from error
         if future.status in _CANCELLED:
-            raise _gone()
+            raise _scheduler_lost()
         if _was_killed(future):
-            text = "the workers that took it died (too little memory?): see their logs"
+            text = "its workers died, possibly for lack of memory: check their logs"
         else:
-            text = f"the worker could not do it ({describe_error(future.exception())})"
-        passing = not _was_killed(future)  # it was tried again already
+            text = f"the worker raised an error ({describe_error(future.exception())})"
+        passing = not _was_killed(future)  # a killed task was already repeated
         return Report(
             task.name, "failed", task.parameters, time.time(), error=text, passing=passing
         )
 
 
-def _gone() -> DeviceError:
+def _scheduler_lost() -> DeviceError:
     return DeviceError(
-        "The Dask scheduler no longer answers: run the job again (start a scheduler of your own "
-        "first); what is done stays done."
+        "The Dask scheduler no longer answers: restart the scheduler if you started it yourself, "
+        "and run the job again; finished items are kept."
     )
 
 
 def _was_killed(future: Any) -> bool:
-    """Whether the workers of a task died, by itself or by another one."""
+    """Return True if the workers of a task died."""
     return future.status == "error" and type(future.exception()).__name__ == "KilledWorker"
 
 
@@ -156,7 +158,7 @@ def local_cluster(
     retries: int,
     network: Network | None = None,
 ) -> Iterator[ClusterExecutor]:
-    """Worker processes on this computer, one a device; the cores of a CPU are shared out."""
+    """Start worker processes on this computer; divide devices and CPU cores among them."""
     dask, distributed = require_dask()
     network = network or network_of()
     specification = {
@@ -178,8 +180,8 @@ def local_cluster(
             client = stack.enter_context(distributed.Client(cluster))
         except (OSError, RuntimeError, *_LATE) as error:
             raise DeviceError(
-                f"The {workers} workers did not start ({' '.join(str(error).split())}): if memory "
-                "or cores are short, try fewer."
+                f"The {workers} workers did not start ({' '.join(str(error).split())}): use fewer "
+                "workers if memory or cores are short."
             ) from error
         check_workers(client, "this computer")
         _invite(cluster.scheduler_address, network)
@@ -187,14 +189,14 @@ def local_cluster(
 
 
 def _invite(scheduler: str, network: Network) -> None:
-    """Say how workers of other computers join."""
+    """Log the command that adds workers on other computers."""
     if not network.is_private:
-        how = "--insecure" if network.protocol == "tcp" else "the same certificates"
-        _log.info("More workers join by 'clplen worker %s' with %s.", scheduler, how)
+        option = "--insecure" if network.protocol == "tcp" else "--certificates FOLDER"
+        _log.info("Add workers with 'clplen worker %s %s'.", scheduler, option)
 
 
 def _settings(retries: int) -> dict[str, Any]:
-    """Of Dask; what its configuration says of addresses and pages does not count here."""
+    """Return settings of Dask that override the user's configuration of addresses and pages."""
     return {
         "distributed.scheduler.allowed-failures": retries,
         "distributed.scheduler.contact-address": None,
@@ -207,7 +209,7 @@ def _settings(retries: int) -> dict[str, Any]:
 
 def _options(number: int, workers: int, devices: list[str] | None) -> dict[str, Any]:
     environment = worker_environment(share_cores(number, workers))
-    environment["PYTHONWARNINGS"] = "ignore"  # said once by the process that runs the job
+    environment["PYTHONWARNINGS"] = "ignore"  # shown once by the process that runs the job
     if devices:
         environment["CLPLEN_DEVICE"] = devices[number % len(devices)]
     return {
@@ -223,43 +225,43 @@ def _options(number: int, workers: int, devices: list[str] | None) -> dict[str, 
 def existing_cluster(
     folder: Path, *, network: Network, memory: int | None
 ) -> Iterator[ClusterExecutor]:
-    """The workers of a Dask cluster that is there."""
+    """Connect to the workers of a running Dask cluster."""
     _, distributed = require_dask()
     check_scheduler(network, _ANSWER)
     try:
         client = distributed.Client(network.scheduler, timeout=_ANSWER, security=network.security)
     except (OSError, ValueError) as error:
-        raise _gone() from error
+        raise _scheduler_lost() from error
     with client:
         sharing = check_workers(client, str(network.scheduler))
         yield ClusterExecutor(client, folder, memory=memory, sharing=sharing)
 
 
 def check_workers(client: Any, scheduler: str) -> int:
-    """Refuse workers that cannot do the job."""
+    """Check clplen and device of all workers; return the largest number on one computer."""
     from clplen.batch.running.worker import describe_worker
 
     try:
         client.wait_for_workers(1, timeout=_ANSWER)
     except _LATE as error:
         raise DeviceError(
-            f"The scheduler at {scheduler} has no workers: start some with 'clplen worker "
+            f"The scheduler at {scheduler} has no workers: start them with 'clplen worker "
             f"{scheduler}'."
         ) from error
-    wrong, hosts = [], Counter[str]()
-    for address, found in client.run(describe_worker, on_error="return").items():
-        if isinstance(found, Exception):
-            wrong.append(f"{address} has no clplen that answers ({describe_error(found)})")
+    problems, hosts = [], Counter[str]()
+    for address, worker in client.run(describe_worker, on_error="return").items():
+        if isinstance(worker, Exception):
+            problems.append(f"{address} has no working clplen ({describe_error(worker)})")
             continue
-        hosts[found["host"]] += 1
-        if found["version"] != __version__:
-            wrong.append(f"{address} has clplen {found['version']}, this is {__version__}")
-        elif found["error"]:
-            wrong.append(f"{address} has no OpenCL device ({found['error']})")
-    if wrong:
+        hosts[worker["host"]] += 1
+        if worker["version"] != __version__:
+            problems.append(f"{address} has clplen {worker['version']}, this is {__version__}")
+        elif worker["error"]:
+            problems.append(f"{address} has no OpenCL device ({worker['error']})")
+    if problems:
         raise DeviceError(
-            f"{len(wrong)} workers of {scheduler} cannot do the job: {'; '.join(wrong[:4])}. Mend "
-            "or stop them."
+            f"{len(problems)} workers of {scheduler} cannot run the job: "
+            f"{'; '.join(problems[:4])}. Fix or stop them."
         )
     return max(hosts.values(), default=1)
 
@@ -275,7 +277,7 @@ def worker_command(network: Network, selector: str | None) -> tuple[list[str], d
     environment = {
         **os.environ,
         "DASK_DISTRIBUTED__WORKER__HTTP__ROUTES": "[]",
-        "PYTHONSAFEPATH": "1",  # no module of the folder in which it is started
+        "PYTHONSAFEPATH": "1",  # imports no module from the current folder
     }
     if network.protocol == "tls":
         files = network.security.get_tls_config_for_role("worker")

@@ -1,4 +1,4 @@
-"""`Job`: the content of a job file, the function that runs it, and who executes its tasks."""
+"""`Job`, the function that runs it, and the choice of the executor of its tasks."""
 
 from __future__ import annotations
 
@@ -32,20 +32,20 @@ class LocalExecutor:
         self._running = running
 
     def run(self, tasks: Iterable[Task]) -> Iterator[Report]:
-        """Do tasks, each once, and give their reports as they come."""
+        """Execute each task and yield the reports in order of completion."""
         waiting: queue.SimpleQueue[Task | None] = queue.SimpleQueue()
-        found: queue.SimpleQueue[Report | BaseException | None] = queue.SimpleQueue()
+        reports: queue.SimpleQueue[Report | BaseException | None] = queue.SimpleQueue()
         for task in tasks:
             waiting.put(task)
         threads = [
-            threading.Thread(target=self._consume, args=(waiting, found), name=f"item-{i}")
+            threading.Thread(target=self._consume, args=(waiting, reports), name=f"item-{i}")
             for i in range(self._depth)
         ]
         for thread in threads:
             waiting.put(None)
             thread.start()
         try:
-            yield from _reports(found, self._depth)
+            yield from _reports(reports, self._depth)
         except BaseException:
             self._resources.stop()
             raise
@@ -56,32 +56,32 @@ class LocalExecutor:
     def _consume(
         self,
         waiting: queue.SimpleQueue[Task | None],
-        found: queue.SimpleQueue[Report | BaseException | None],
+        reports: queue.SimpleQueue[Report | BaseException | None],
     ) -> None:
         try:
             while (task := waiting.get()) is not None:
-                found.put(
-                    execute_task(task, self._resources, advance=partial(self._say, task.name))
+                reports.put(
+                    execute_task(task, self._resources, advance=partial(self._advance, task.name))
                 )
         except StoppedError:
             pass
         except BaseException as error:
-            found.put(error)
+            reports.put(error)
         finally:
-            found.put(None)
+            reports.put(None)
 
-    def _say(self, name: str, done: int, total: int) -> None:
+    def _advance(self, name: str, done: int, total: int) -> None:
         self._resources.check()
         if self._running is not None:
             self._running(name, done, total)
 
 
 def _reports(
-    found: queue.SimpleQueue[Report | BaseException | None], depth: int
+    reports: queue.SimpleQueue[Report | BaseException | None], depth: int
 ) -> Iterator[Report]:
     ended = 0
     while ended < depth:
-        report = found.get()
+        report = reports.get()
         if report is None:
             ended += 1
         elif isinstance(report, BaseException):
@@ -99,7 +99,7 @@ def local_executor(
     running: Running | None = None,
     depth: int = PIPELINE_DEPTH,
 ) -> Iterator[LocalExecutor]:
-    """Open an executor in this process; ``memory`` None is half of the free memory."""
+    """Open an executor in this process; ``memory`` None means half of the free memory."""
     yield LocalExecutor(Resources(selector=selector, memory=memory), running, depth=depth)
 
 
@@ -112,11 +112,11 @@ def choose_executor(
     insecure: bool = False,
     running: Running | None = None,
 ) -> Callable[[Path], AbstractContextManager[Any]]:
-    """What `execute_job` takes, as a job says."""
+    """Return the executor for `execute_job` by the settings of a job."""
     if host is not None and (scheduler is not None or job.workers == 1):
         raise ValueError(
-            f"{argument('host')} is where a job's own workers listen, and this job starts none: "
-            f"give {argument('workers')} of 2 or more, or name it to 'clplen worker'."
+            f"{argument('host')} applies to workers that the job starts, but this job starts none: "
+            f"set {argument('workers')} to 2 or more, or pass the host to 'clplen worker'."
         )
     if scheduler is None and job.workers == 1:
         selector = job.device[0] if job.device else None
@@ -138,27 +138,27 @@ def choose_executor(
 
 
 class Job(JobSpec):
-    """Many light fields, and what is made of each; see ``clplen batch --example``.
+    """Inputs, operations and output of a batch job; see ``clplen batch --example``.
 
     Attributes
     ----------
     output : str
-        Folder of the results, a folder in it for each item; seen from the job file.
+        Folder of the results, relative to the job file; each item has its own folder inside.
     formats : list of str
-        Of stacks, depth maps and pictures: "ome-tiff", "ome-zarr" or both.
+        Formats of stacks, depth maps and pictures: "ome-tiff", "ome-zarr" or both.
     inputs, simulations, scenes : list
-        Where light fields come from; at least one.
+        Sources of light fields; at least one.
     stack, depth, all_in_focus, views, light_field, deconvolve, raw
-        What is made; at least one, or simulations and scenes, which write all that they know.
+        Operations; at least one for inputs, optional for simulations and scenes.
     device : str or None
-        As for `Device.open`; a list gives each worker its own.
+        Device as in `Device.open`, or a list with a device for each worker.
     memory : int or None
-        Bytes that light field, results and what lies between may take in each worker; beyond it
-        light fields are streamed. None: half of the free memory, shared by the workers.
+        Memory limit of each worker in bytes; larger light fields are processed in tiles. None:
+        half of the free memory, shared by the workers.
     workers : int
-        Processes on this computer; more than one needs the extra ``batch``.
+        Number of processes on this computer; values above 1 need the extra ``batch``.
     retries : int
-        How often an item that failed for a reason that may pass, or was lost, is tried again.
+        Number of retries of an item that was lost or failed for a temporary reason.
 
     Examples
     --------
@@ -184,7 +184,7 @@ class Job(JobSpec):
         force: bool = False,
         watcher: Watcher | None = None,
     ) -> Summary:
-        """Do what is missing, changed or failed: `run_job` of this job, with its parameters."""
+        """Process the items that are missing, changed or failed; see `run_job`."""
         return run_job(
             self,
             workers=workers,
@@ -212,57 +212,57 @@ def run_job(
     force: bool = False,
     watcher: Watcher | None = None,
 ) -> Summary:
-    """Do what is missing, changed or failed.
+    """Process the items of a job that are missing, changed or failed.
 
     Parameters
     ----------
     job : Job
         Content of a job file.
     workers : int, optional
-        Processes on this computer, at least 1; default: as the job says. With more than one, a
-        script must call this below ``if __name__ == "__main__":``, as its workers import it.
+        Number of processes on this computer, at least 1; default: the value of the job. With
+        several processes, scripts must call it below ``if __name__ == "__main__":``, because the
+        workers import the script.
     scheduler : str, optional
-        Address of a Dask scheduler whose workers do it, ``tls://host:8786``.
+        Address of a running Dask scheduler, such as ``tls://host:8786``.
     device : str or list of str, optional
-        As for `Device.open`, a list for each worker its own; default: as the job says. Workers
-        of a scheduler have theirs.
+        Device as in `Device.open`, or a list with a device for each worker; default: the value
+        of the job. The workers of a scheduler use their own devices.
     memory : int or str, optional
-        Bytes or a size such as "4 GiB" of each worker; default: as the job says.
+        Memory limit of each worker in bytes, or text such as "4 GiB"; default: the value of the
+        job.
     host : str, optional
-        Address or name of this computer on which workers listen, so that others may join;
-        default: 127.0.0.1.
+        Network address or name of this computer on which the scheduler listens, so that workers
+        on other computers can join; default: 127.0.0.1.
     certificates : path-like, optional
-        Folder of the certificate by which workers on several computers know each other, as for
-        `security_of`; it is made if there is none and the job starts the scheduler.
+        Folder of the certificate that authenticates workers on several computers, as in
+        `security_of`; created if it is missing and the job starts the scheduler.
     insecure : bool
-        Whether to go without TLS, also beyond this computer: anyone who reaches the ports runs
-        programs as this user.
+        True to disable TLS: anyone who reaches the ports can run programs as this user.
     force : bool
-        Whether a job that differs from the one that ran before may go on in its output.
+        True to continue in an output of a job with other settings.
     watcher : Watcher, optional
         Object whose ``begin(total=, skipped=)`` is called at the start, ``report(report)`` for each
-        item that is done or failed, and ``running(name, done, total)`` from other threads.
+        finished or failed item, and ``running(name, done, total)`` from other threads.
 
     Returns
     -------
     Summary
-        ``failed`` has a sentence for each item that failed; the others are done.
+        Numbers of items; ``failed`` has the error message of each failed item.
 
     Raises
     ------
     FormatError
-        If a value is out of range, the items cannot be told, the job differs from the one that
-        ran before, certificates cannot be used, or the extra ``batch`` is needed and not
-        installed.
+        If a value is out of range, items have no unique names, the settings differ from those of
+        the last run, certificates are invalid, or the extra ``batch`` is missing.
     ValueError
-        If ``host`` or ``scheduler`` is reached from beyond this computer without certificates
-        and not ``insecure``, or ``host`` is no address of it.
+        If ``host`` or ``scheduler`` is accessible from other computers without certificates
+        and not ``insecure``, or ``host`` is not an address of this computer.
     DeviceError
-        If there is no such device, or the workers cannot do the job.
+        If the device does not exist, or the workers cannot run the job.
     BlockingIOError
-        If another process is at work on the output.
+        If another process uses the output.
     OSError
-        If the output takes no files.
+        If the output folder is not writable.
 
     Examples
     --------

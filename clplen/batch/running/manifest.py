@@ -1,4 +1,4 @@
-"""The manifest, one SQLite file: the last report of every item, and the state of each."""
+"""The manifest: an SQLite file with the last report and the state of every item."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from clplen.errors import FormatError
 from clplen.io.store.digest import digest
 
 NAME = "manifest.sqlite"
-VERSION = 1  # of the tables
+VERSION = 1  # format of the tables
 _TABLES = f"""
 BEGIN;
 CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
@@ -36,11 +36,11 @@ COMMIT;
 """
 
 
-_OWN = {("table", "meta"), ("table", "items")}
+_REQUIRED_TABLES = {("table", "meta"), ("table", "items")}
 
 
-class Known(NamedTuple):
-    """What the manifest knows of an item: as in its last `Report`."""
+class ItemState(NamedTuple):
+    """State of an item in the manifest, from its last `Report`."""
 
     state: str
     started: float
@@ -50,35 +50,36 @@ class Known(NamedTuple):
 class Manifest:
     """States of items; each change is on the disk when its method returns.
 
-    Written by one process at a time, which holds the job; others may read.
+    A single process, which holds the lock of the job, may write; others may read.
     """
 
     def __init__(self, folder: Path, *, create: bool = False) -> None:
         self._path = folder / NAME
         self._lock = threading.Lock()
         if not self._path.exists() and not create:
-            raise FormatError(f"There is no manifest {self._path}: run the job first.")
+            raise FormatError(f"The manifest {self._path} does not exist: run the job first.")
         self._open(create)
 
     def _open(self, create: bool) -> None:
-        with _said(self._path):
+        with _sqlite_errors(self._path):
             self._connection = sqlite3.connect(self._path, check_same_thread=False)
             self._connection.text_factory = lambda text: text.decode("utf-8", "replace")
             self._connection.execute("PRAGMA synchronous = FULL")
-            held = set(self._connection.execute("SELECT type, name FROM sqlite_master"))
-            if not held and not create:  # its maker has not come to the tables
+            schema = set(self._connection.execute("SELECT type, name FROM sqlite_master"))
+            if not schema and not create:  # the job has not written its tables yet
                 raise FormatError(f"The manifest {self._path} is empty: run the job first.")
-            if not held:
+            if not schema:
                 self._connection.executescript(_TABLES)
             self._inode = self._path.stat().st_ino
-            is_own = not held or (held >= _OWN and "trigger" not in {kind for kind, _ in held})
-            version = self._get("version") if is_own else None  # views and triggers are programs
+            has_trigger = "trigger" in {kind for kind, _ in schema}  # triggers execute code
+            is_manifest = not schema or (schema >= _REQUIRED_TABLES and not has_trigger)
+            version = self._get("version") if is_manifest else None
         if not isinstance(version, int):
-            raise FormatError(f"{self._path} is no manifest of clplen: move it away.")
+            raise FormatError(f"{self._path} is not a manifest of clplen: move it away.")
         if version > VERSION:
             raise FormatError(
-                f"{self._path} is of version {version}, and this clplen {__version__} knows up to "
-                f"{VERSION}: use a newer clplen, or give the job another output."
+                f"{self._path} has version {version}, but clplen {__version__} supports versions "
+                f"up to {VERSION}: use a newer clplen, or give the job another output."
             )
 
     def close(self) -> None:
@@ -93,59 +94,59 @@ class Manifest:
 
     @property
     def job(self) -> dict[str, Any] | None:
-        """What the job was when it ran last (`Job.contents`)."""
-        with self._lock, _said(self._path):
-            found = self._get("job")
-        return found if isinstance(found, dict) else None
+        """Settings of the last run (`Job.contents`)."""
+        with self._lock, _sqlite_errors(self._path):
+            content = self._get("job")
+        return content if isinstance(content, dict) else None
 
     @job.setter
     def job(self, content: dict[str, Any]) -> None:
-        with self._lock, _said(self._path), self._connection:
+        with self._lock, _sqlite_errors(self._path), self._connection:
             self._set("job", content)
 
-    def known(self) -> dict[str, Known]:
-        """Return what became of each item last; the column ``report`` has their whole reports.
+    def states(self) -> dict[str, ItemState]:
+        """Return the last state of each item; the column ``report`` has the full reports.
 
-        A damaged row is left out: the records of the items say the same.
+        Damaged rows are left out, since the records of the items repeat their content.
         """
-        with self._lock, _said(self._path):
+        with self._lock, _sqlite_errors(self._path):
             rows = self._connection.execute("SELECT name, state, started, error FROM items")
             return {
-                os.fsdecode(name): Known(*rest)
+                os.fsdecode(name): ItemState(*rest)
                 for name, *rest in rows
                 if all(map(isinstance, (name, *rest), (str | bytes, str, float, str)))
             }
 
     def put(self, *reports: Report) -> None:
-        """Take in what became of items."""
+        """Store the reports of items."""
         rows = [
             (
-                _storable(one.name),
-                one.state,
-                one.started,
-                one.seconds.get("total"),
-                one.device,
-                one.worker,
-                one.error.encode(errors="backslashreplace").decode(),
-                one.to_json(),
+                _storable(report.name),
+                report.state,
+                report.started,
+                report.seconds.get("total"),
+                report.device,
+                report.worker,
+                report.error.encode(errors="backslashreplace").decode(),
+                report.to_json(),
             )
-            for one in reports
+            for report in reports
         ]
-        with self._lock, _said(self._path), self._connection:
+        with self._lock, _sqlite_errors(self._path), self._connection:
             self._connection.executemany(
                 "INSERT OR REPLACE INTO items VALUES (?, ?, ?, ?, ?, ?, ?, ?)", rows
             )
 
     def is_there(self) -> bool:
-        """Whether the file is still the one that was opened."""
+        """Return True if the opened file still exists under its name."""
         try:
             return self._path.stat().st_ino == self._inode
         except OSError:
             return False
 
     def renew(self, job: dict[str, Any]) -> None:
-        """Begin it anew where it vanished."""
-        with self._lock, _said(self._path):
+        """Create the manifest again after its file vanished."""
+        with self._lock, _sqlite_errors(self._path):
             self._connection.close()
             self._path.parent.mkdir(parents=True, exist_ok=True)
             self._open(create=True)
@@ -167,7 +168,7 @@ class Manifest:
 
 
 def _storable(name: str) -> str | bytes:
-    """The name of an item as SQLite takes it: its bytes where they are not UTF-8."""
+    """Return the name of an item for SQLite, as bytes if it is not UTF-8."""
     try:
         name.encode()
     except UnicodeEncodeError:
@@ -176,8 +177,8 @@ def _storable(name: str) -> str | bytes:
 
 
 @contextmanager
-def _said(path: Path) -> Iterator[None]:
-    """Errors of SQLite as ours."""
+def _sqlite_errors(path: Path) -> Iterator[None]:
+    """Convert errors of SQLite to errors of clplen."""
     try:
         yield
     except (sqlite3.OperationalError, sqlite3.InternalError) as error:
@@ -187,7 +188,7 @@ def _said(path: Path) -> Iterator[None]:
         raise OSError(
             errno.ENOSPC if full else errno.EIO,
             f"The manifest cannot be written ({error}): "
-            + ("make room on the disk and run again" if full else "see to its folder"),
+            + ("free space on the disk and run again" if full else "check its folder"),
             str(path),
         ) from error
     except (sqlite3.DatabaseError, ValueError, RecursionError) as error:
@@ -196,62 +197,62 @@ def _said(path: Path) -> Iterator[None]:
 
 def _damaged(path: Path, error: Exception) -> FormatError:
     return FormatError(
-        f"{path} is damaged or no manifest of clplen ({error}): move it away; what it says is also "
-        "in the item.json of every item."
+        f"{path} is damaged or not a manifest of clplen ({error}): move it away; the next run "
+        "restores it from the item.json of every item."
     )
 
 
 STATES = ("done", "failed", "changed", "damaged", "missing")
 
 
-def state_of(task: Task, known: Known | None, *, verify: bool = False) -> tuple[str, str]:
-    """One of `STATES`, and why."""
+def state_of(task: Task, last: ItemState | None, *, verify: bool = False) -> tuple[str, str]:
+    """Return the state of an item, from `STATES`, and the reason."""
     record = read_record(task)
     if record is None:
-        if known is not None and known.state == "failed":
-            return "failed", known.error
-        if known is None or not result_folder(task).exists():
-            return "missing", "not done yet" if known is None else "its folder is gone"
-        is_there = (result_folder(task) / RECORD).exists()
-        return "damaged", f"{RECORD} is {'no record' if is_there else 'missing'}"
-    if known is not None and known.state == "failed" and known.started > record.started:
-        return "failed", known.error
+        if last is not None and last.state == "failed":
+            return "failed", last.error
+        if last is None or not result_folder(task).exists():
+            return "missing", "not processed yet" if last is None else "its folder was removed"
+        exists = (result_folder(task) / RECORD).exists()
+        return "damaged", f"{RECORD} is {'invalid' if exists else 'missing'}"
+    if last is not None and last.state == "failed" and last.started > record.started:
+        return "failed", last.error
     if record.parameters != task.parameters:
-        return "changed", "the job asks for something else now"
-    wrong = find_damage(result_folder(task), record.outputs, thorough=verify)
-    if wrong:
-        return "damaged", wrong
+        return "changed", "its settings in the job changed"
+    damage = find_damage(result_folder(task), record.outputs, thorough=verify)
+    if damage:
+        return "damaged", damage
     if not is_unchanged(task.base, task.files, record.inputs):
         return "changed", "its input was changed, moved or removed"
     if verify:
-        for name, then in record.inputs.items():
-            if digest(Path(task.base, name)) != then["sha256"]:
+        for name, properties in record.inputs.items():
+            if digest(Path(task.base, name)) != properties["sha256"]:
                 return "changed", (
-                    f"{name} is not what was read (its digest differs, its size and time do not): "
-                    "touch it and run again"
+                    f"the content of {name} changed, but not its size and time: touch it and run "
+                    "the job again"
                 )
     return "done", ", ".join(record.outputs)
 
 
 def status_of(job: JobSpec, *, verify: bool = False) -> Iterator[tuple[str, str, str]]:
-    """Say of each item of a job in which state it is, without doing anything.
+    """Yield the state of each item of a job without processing it.
 
     Parameters
     ----------
     job : Job
-        Content of a job file; it ran at least once.
+        Content of a job file that ran at least once.
     verify : bool
-        Whether to compare the digests of outputs and inputs.
+        True to compare the digests of outputs and inputs.
 
     Yields
     ------
     tuple
-        Name, one of "done", "failed", "changed", "damaged", "missing", and words.
+        Name, state ("done", "failed", "changed", "damaged" or "missing") and reason.
 
     Raises
     ------
     FormatError
-        If the output has no manifest, as of a job that never ran, or a damaged one.
+        If the output has no manifest, because the job never ran, or a damaged manifest.
 
     Examples
     --------
@@ -264,12 +265,12 @@ def status_of(job: JobSpec, *, verify: bool = False) -> Iterator[tuple[str, str,
     """
     tasks = tasks_of(job)
     with Manifest(job.output_folder) as manifest:
-        known = manifest.known()
+        states = manifest.states()
     for task in tasks:
-        yield (task.name, *state_of(task, known.get(task.name), verify=verify))
+        yield (task.name, *state_of(task, states.get(task.name), verify=verify))
 
 
 def count_states(states: Iterable[str]) -> str:
-    """How many of each, in words."""
+    """Return the number of items in each state as text."""
     count = Counter(states)
     return ", ".join(f"{count[name]} {name}" for name in sorted(count))

@@ -1,8 +1,8 @@
-"""Where the servers of a Dask cluster listen, and whom they answer.
+"""Network addresses and security of a Dask cluster.
 
-Whoever can talk to a scheduler or worker of Dask can run programs as its user. So servers listen
-on the loopback interface unless an address is named, and whatever goes beyond it needs
-a certificate, or the explicit word ``insecure``.
+Whoever can connect to a scheduler or worker of Dask can run programs as its user. Servers
+therefore listen on the loopback interface by default; other addresses need a certificate or the
+explicit argument ``insecure``.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from clplen.errors import DeviceError, FormatError, argument
 from clplen.files import PathLike, filling
 
 LOOPBACK = "127.0.0.1"
-STATUS_PAGES = f"{LOOPBACK}:0"  # Dask always has a server for them, here without pages
+STATUS_PAGES = f"{LOOPBACK}:0"  # Dask always starts this server; it has no pages here
 _FILES = ("certificate.pem", "key.pem")
 _ROLES = ("client", "scheduler", "worker")
-_GREETING = 5.0  # seconds
-_MAX_GREETING = 1 << 20  # bytes; those of Dask have some hundred
-_PAUSE = 0.2  # seconds between two attempts to connect
+_GREETING = 5.0  # timeout of the first message of a server in seconds
+_MAX_GREETING = 1 << 20  # bytes; the first message of Dask has some hundred
+_PAUSE = 0.2  # seconds between attempts to connect
 
 
 @dataclass(frozen=True)
 class Network:
-    """Addresses of a cluster, and how its members know each other.
+    """Addresses and security of a cluster.
 
-    ``host`` is the numeric address on which servers started here listen (IPv6 in brackets);
-    ``scheduler`` the address of a running scheduler, or None; ``protocol`` is "tls" or "tcp".
+    ``host`` is the numeric address on which local servers listen (IPv6 in brackets), ``scheduler``
+    the address of a running scheduler or None, ``protocol`` "tls" or "tcp".
     """
 
     host: str
@@ -45,12 +45,12 @@ class Network:
 
     @property
     def is_private(self) -> bool:
-        """Whether what listens is reached from this computer alone."""
+        """Flag that servers are accessible from this computer only."""
         return _is_loopback(self.host)
 
     @property
     def server(self) -> dict[str, Any]:
-        """Arguments of a scheduler, nanny or worker of Dask."""
+        """Keyword arguments for a scheduler, nanny or worker of Dask."""
         return {
             "host": self.host,
             "protocol": self.protocol,
@@ -67,11 +67,11 @@ def network_of(
     certificates: PathLike | None = None,
     insecure: bool = False,
 ) -> Network:
-    """Return addresses and security of a cluster; refuse what strangers could reach."""
+    """Return addresses and security of a cluster; reject unauthenticated remote access."""
     if insecure and certificates is not None:
         raise ValueError(
-            f"{argument('certificates')} and {argument('insecure', True)} exclude each other: "
-            "leave one out."
+            f"{argument('certificates')} and {argument('insecure', True)} cannot be combined: "
+            "leave one of them out."
         )
     listening = _numeric(LOOPBACK if host is None else host)
     if listening is None:
@@ -86,14 +86,14 @@ def network_of(
         scheduler = f"{protocol}://{address}:{port}"
     if protocol == "tcp" and certificates is not None:
         raise ValueError(
-            f"{scheduler} takes no certificates: start the scheduler with them and give tls://, "
-            "or leave them out."
+            f"{scheduler} does not use certificates: start the scheduler with certificates and "
+            "give tls://, or leave them out."
         )
     if certificates is not None:
         if scheduler is not None and not Path(certificates).exists():
             raise FormatError(
-                f"There is no folder {certificates} with the certificate of {scheduler}: copy it "
-                "from the computer of the scheduler."
+                f"The folder {certificates} with the certificate of {scheduler} does not exist: "
+                "copy it from the computer of the scheduler."
             )
         security = security_of(certificates)
     elif protocol == "tls" and scheduler is not None:
@@ -108,82 +108,82 @@ def network_of(
 def _configured(scheduler: str) -> Any:
     """Return the security of Dask's own configuration (``distributed.comm.tls``)."""
     security = require_dask()[1].Security(require_encryption=True)
-    with suppress(OSError):  # of files that Dask's configuration names and that are not there
+    with suppress(OSError):  # raised if the files in Dask's configuration are missing
         if all(security.get_connection_args(role)["ssl_context"] for role in _ROLES):
             return security
     raise ValueError(
-        f"{scheduler} needs certificates: name their folder by {argument('certificates')}."
+        f"{scheduler} needs certificates: give their folder with {argument('certificates')}."
     )
 
 
 def _refuse_beyond(addresses: list[str]) -> None:
-    """Refuse addresses beyond this computer, where connections would not be authenticated."""
+    """Raise an error for remote addresses, where connections would not be authenticated."""
     for address in addresses:
         if not _is_loopback(address):
             raise ValueError(
-                f"{address} is reached from beyond this computer, and without TLS whoever reaches "
-                f"it can run programs as you: name a folder by {argument('certificates')}, and a "
-                f"scheduler by tls://, or allow it by {argument('insecure', True)}."
+                f"{address} is accessible from other computers, and without TLS anyone who reaches "
+                f"it can run programs as you: give a folder with {argument('certificates')} and a "
+                f"scheduler with tls://, or allow it with {argument('insecure', True)}."
             )
 
 
 def check_reachable(network: Network) -> None:
-    """Refuse a worker that its scheduler cannot reach."""
+    """Raise an error if the scheduler cannot reach a worker on this computer."""
     if network.is_private and not _is_loopback(_address_of(network.scheduler or "")[1]):
         raise ValueError(
-            f"The scheduler {network.scheduler} is on another computer, from where it has to reach "
-            f"this worker: name an address of this computer by {argument('host')}."
+            f"The scheduler {network.scheduler} is on another computer and has to reach this "
+            f"worker: give the network address of this computer with {argument('host')}."
         )
 
 
 def check_scheduler(network: Network, seconds: float = 20.0) -> None:
-    """Refuse a scheduler that does not answer, or whose certificate is another.
+    """Raise an error if a scheduler does not answer or has another certificate.
 
-    Dask's own client waits without end for a port that takes connections and sends nothing.
+    Dask's client would wait forever for a server that accepts connections and sends nothing.
     """
     _, address, port = _address_of(network.scheduler or "")
     context = network.security.get_connection_args("client").get("ssl_context")
     end = time.monotonic() + seconds
     while True:
         try:
-            place = (address.strip("[]"), port)
-            with socket.create_connection(place, _GREETING) as plain, ExitStack() as stack:
+            endpoint = (address.strip("[]"), port)
+            with socket.create_connection(endpoint, _GREETING) as plain, ExitStack() as stack:
                 link = stack.enter_context(context.wrap_socket(plain)) if context else plain
                 greeting = link.makefile("rb").read(8)  # the length of a message
                 if len(greeting) == 8 and 0 < int.from_bytes(greeting, "little") < _MAX_GREETING:
                     return
         except ssl.SSLError as error:
             raise ValueError(
-                f"What answers at {network.scheduler} has other certificates than these, or none "
-                f"({getattr(error, 'verify_message', None) or error.reason}): name those that the "
-                "scheduler was started with."
+                f"The server at {network.scheduler} has other certificates or none "
+                f"({getattr(error, 'verify_message', None) or error.reason}): give the "
+                "certificates that the scheduler was started with."
             ) from error
         except OSError:
             pass
         if time.monotonic() >= end:
             raise DeviceError(
-                f"No Dask scheduler answers at {network.scheduler} within {seconds:g} s: start one "
-                "with 'dask scheduler', or correct the address (tls:// where it has certificates)."
+                f"No Dask scheduler answers at {network.scheduler} within {seconds:g} s: start it "
+                "with 'dask scheduler', or correct the address (tls:// with certificates)."
             )
         time.sleep(_PAUSE)
 
 
 def security_of(certificates: PathLike) -> Any:
-    """Return the `distributed.Security` of a folder; make the folder if there is none.
+    """Return the `distributed.Security` of a folder; create a missing folder.
 
-    A new folder gets the certificate and key of `distributed.Security.temporary`, good for a year.
-    Whoever reads the key can run programs as the users of the cluster, so that only the owner may
-    read the folder.
+    A new folder gets the certificate and key of `distributed.Security.temporary`, valid for a year.
+    Whoever reads the key can run programs as the users of the cluster; the folder is therefore
+    readable by its owner only.
 
     Parameters
     ----------
     certificates : path-like
-        A folder with ``certificate.pem`` and ``key.pem``, or the name of a new one.
+        Folder with ``certificate.pem`` and ``key.pem``, or the name of a new folder.
 
     Returns
     -------
     distributed.Security
-        Security of scheduler, workers and clients alike; it requires encryption.
+        Security for scheduler, workers and clients; it requires encryption.
 
     Raises
     ------
@@ -203,27 +203,28 @@ def security_of(certificates: PathLike) -> Any:
     security = require_dask()[1].Security
     folder = Path(certificates).absolute()
     if not folder.exists():
-        made = _temporary()
+        temporary = _temporary()
         with filling(folder, durable=True) as new:
             new.chmod(0o700)
-            for name, text in zip(_FILES, (made.tls_ca_file, made.tls_worker_key), strict=True):
+            contents = (temporary.tls_ca_file, temporary.tls_worker_key)
+            for name, text in zip(_FILES, contents, strict=True):
                 (new / name).touch(mode=0o600)
                 (new / name).write_text(text)
     certificate, key = (str(folder / name) for name in _FILES)
-    words = {
-        f"tls_{role}_{word}": path
+    paths = {
+        f"tls_{role}_{kind}": path
         for role in _ROLES
-        for word, path in (("cert", certificate), ("key", key))
+        for kind, path in (("cert", certificate), ("key", key))
     }
-    found = security(require_encryption=True, tls_ca_file=certificate, **words)
+    result = security(require_encryption=True, tls_ca_file=certificate, **paths)
     try:
-        found.get_connection_args("client")
+        result.get_connection_args("client")
     except (OSError, ValueError) as error:
         raise FormatError(
-            f"The files {' and '.join(_FILES)} in {folder} are no certificate with its key "
-            f"({getattr(error, 'reason', None) or error}): name a new folder to make them."
+            f"The files {' and '.join(_FILES)} in {folder} are not a certificate and its key "
+            f"({getattr(error, 'reason', None) or error}): give a new folder to create them."
         ) from error
-    return found
+    return result
 
 
 def _temporary() -> Any:
@@ -243,19 +244,19 @@ def _address_of(scheduler: str) -> tuple[str, str, int]:
         if parts.scheme in ("tcp", "tls") and numeric and parts.port:
             return parts.scheme, numeric, parts.port
     raise DeviceError(
-        f"No Dask scheduler answers at {scheduler}, which is no address that is known here: "
-        "give tcp://HOST:PORT or tls://HOST:PORT."
+        f"No Dask scheduler answers at {scheduler}, which is not a valid address: give "
+        "tcp://HOST:PORT or tls://HOST:PORT."
     )
 
 
 def _numeric(host: str) -> str | None:
-    """Return the address of a name, IPv4 before IPv6 (in brackets); None if it has none."""
-    found: list[str] = []
-    with suppress(OSError, ValueError):  # names may be unknown, too long or no text for DNS
+    """Return the address of a host, IPv4 before IPv6 (in brackets); None if it is unknown."""
+    addresses: list[str] = []
+    with suppress(OSError, ValueError):  # names may be unknown, too long or invalid for DNS
         if host.strip("[]"):
             entries = socket.getaddrinfo(host.strip("[]"), None, type=socket.SOCK_STREAM)
-            found = [str(entry[4][0]) for entry in entries]
-    address = min(found, key=lambda text: ":" in text, default=None)
+            addresses = [str(entry[4][0]) for entry in entries]
+    address = min(addresses, key=lambda text: ":" in text, default=None)
     return f"[{address}]" if address and ":" in address else address
 
 
@@ -264,7 +265,7 @@ def _is_loopback(address: str) -> bool:
 
 
 def require_dask() -> tuple[Any, Any]:
-    """Return the packages dask and distributed."""
+    """Import and return the packages dask and distributed."""
     try:
         import dask
         import distributed

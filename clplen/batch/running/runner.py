@@ -1,4 +1,4 @@
-"""Runs of a job: which items are pending, their execution, the manifest, the summary."""
+"""Runs of a job: plan the pending items, execute them, keep manifest and summary."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any, Protocol
 from clplen.batch.jobs.items import tasks_of
 from clplen.batch.jobs.spec import JobSpec
 from clplen.batch.jobs.task import Report, Task
-from clplen.batch.running.manifest import Known, Manifest
+from clplen.batch.running.manifest import ItemState, Manifest
 from clplen.batch.work.execution import describe_error, is_current, read_record, result_folder
 from clplen.batch.work.fingerprints import find_damage
 from clplen.batch.work.locks import job_lock
@@ -21,42 +21,42 @@ from clplen.errors import FormatError, argument
 from clplen.files import check_folder, clear_temporaries
 from clplen.io.store.zarr_files import zarr_package
 
-_DIFFERENCES = 6  # how many a message tells
-_SAVE = 0.5  # seconds between two writings of the manifest: each waits for the disk
+MAX_DIFFERENCES = 6  # listed in an error message
+_SAVE = 0.5  # interval of writing the manifest in seconds; each write waits for the disk
 
 
 class Executor(Protocol):
-    """What does tasks."""
+    """Executor of tasks."""
 
     def run(self, tasks: Iterable[Task]) -> Iterator[Report]:
-        """Do tasks, each once, and give their reports as they come."""
+        """Execute each task and yield the reports in order of completion."""
 
 
 class Watcher:
-    """Object that is told how a job goes on; this one ignores it."""
+    """Callbacks for the progress of a job; the base class ignores them."""
 
     def begin(self, *, total: int, skipped: int) -> None:
-        """Take the number of items, and of those that are done already."""
+        """Receive the number of all items and of finished items."""
 
     def report(self, report: Report) -> None:
-        """Take the report of an item that is done or has failed."""
+        """Receive the report of an item that finished or failed."""
 
     def running(self, name: str, done: int, total: int) -> None:
-        """Take how far an item has come that is streamed or simulated; from another thread."""
+        """Receive the progress of a streamed or simulated item, from another thread."""
 
 
 @dataclass
 class Summary:
-    """What became of a job.
+    """Outcome of a job.
 
     Attributes
     ----------
     done, skipped : int
-        Items done now, and those that were done already.
+        Number of items finished in this run and before it.
     failed : dict
-        Of each item that failed: one sentence.
+        Error message of each failed item.
     unsaved : str
-        Why the manifest could not be written at the end; empty if it was.
+        Reason why the manifest could not be written at the end; empty on success.
 
     Examples
     --------
@@ -75,21 +75,21 @@ class Summary:
 
     @property
     def is_good(self) -> bool:
-        """Whether everything is done and written down."""
+        """Flag that no item failed and that the manifest was written."""
         return not self.failed and not self.unsaved
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Items to do, items that are done, and records that the manifest does not know."""
+    """Items to do, finished items, and records that are missing in the manifest."""
 
     todo: list[Task]
     current: list[Task]
-    found: list[Report]
+    unlisted: list[Report]
 
 
-def plan_tasks(tasks: list[Task], known: dict[str, Known] | None = None) -> Plan:
-    """Which tasks are to be done: those without a record beside whole results that fits them."""
+def plan_tasks(tasks: list[Task], states: dict[str, ItemState] | None = None) -> Plan:
+    """Separate the tasks without valid results from the finished tasks."""
     plan = Plan([], [], [])
     for task in tasks:
         record = read_record(task)
@@ -97,8 +97,8 @@ def plan_tasks(tasks: list[Task], known: dict[str, Known] | None = None) -> Plan
             plan.todo.append(task)
             continue
         plan.current.append(task)
-        if known is not None and known.get(task.name, ())[:2] != ("done", record.started):
-            plan.found.append(record)  # of a worker whose word did not arrive
+        if states is not None and states.get(task.name, ())[:2] != ("done", record.started):
+            plan.unlisted.append(record)  # finished by a worker whose report was lost
     return plan
 
 
@@ -109,24 +109,24 @@ def execute_job(
     watcher: Watcher,
     force: bool = False,
 ) -> Summary:
-    """Do what is left of a job by ``executor``: output folder -> context that does tasks."""
+    """Process the pending items; ``executor`` maps the output folder to an executor's context."""
     _require_packages(job)
     tasks = tasks_of(job)
     folder = check_folder(job.output_folder)
     with job_lock(folder), Manifest(folder, create=True) as manifest:
-        some = any(one.state == "done" for one in manifest.known().values())
-        check_same(manifest.job if some else None, job, force=force, where=folder)
+        has_results = any(state.state == "done" for state in manifest.states().values())
+        check_settings(manifest.job if has_results else None, job, force=force, output=folder)
         manifest.job = job.contents()
         clear_temporaries(folder)
-        plan = plan_tasks(tasks, manifest.known())
-        manifest.put(*plan.found)
+        plan = plan_tasks(tasks, manifest.states())
+        manifest.put(*plan.unlisted)
         watcher.begin(total=len(tasks), skipped=len(plan.current))
         ledger = _Ledger(job, manifest, plan)
         try:
             if plan.todo:
-                with executor(folder) as works:
-                    for report in _with_retries(works, plan.todo, job.retries):
-                        ledger.take(report)
+                with executor(folder) as running:
+                    for report in _with_retries(running, plan.todo, job.retries):
+                        ledger.add(report)
                         watcher.report(report)
         finally:
             ledger.close()
@@ -134,13 +134,13 @@ def execute_job(
 
 
 def _require_packages(job: JobSpec) -> None:
-    """What every item needs is missed before the first."""
+    """Raise an error before the first item if a package for the formats is missing."""
     if "ome-zarr" in job.formats or (job.light_field and job.light_field.format == "zarr"):
         zarr_package("take ome-tiff and hdf5")
 
 
 class _Ledger:
-    """Keeps the manifest, also on a disk that is full or gone for a while."""
+    """Buffered writer of the manifest; it survives a disk that is full or absent for a while."""
 
     def __init__(self, job: JobSpec, manifest: Manifest, plan: Plan) -> None:
         self._job, self._manifest, self._plan = job, manifest, plan
@@ -150,8 +150,8 @@ class _Ledger:
         self._saved = time.monotonic()
         self.summary = Summary(skipped=len(plan.current))
 
-    def take(self, report: Report) -> None:
-        """Write a report down, now or soon; what a kill loses is in the records."""
+    def add(self, report: Report) -> None:
+        """Store a report, possibly later; after a kill the records still have it."""
         if report.state == "done":
             self.summary.done += 1
         else:
@@ -162,19 +162,19 @@ class _Ledger:
             self._save()
 
     def close(self) -> None:
-        """Write the rest, and look for what was lost."""
+        """Write pending reports, and subtract items whose results vanished."""
         if self._unsaved or not self._manifest.is_there():
             self._save()
         if self._vanished:
             done = [task for task in self._plan.todo if task.name not in self._failed]
-            self.summary.skipped -= self._missing(self._plan.current)
-            self.summary.done -= self._missing(done)
+            self.summary.skipped -= self._count_vanished(self._plan.current)
+            self.summary.done -= self._count_vanished(done)
 
-    def _missing(self, tasks: list[Task]) -> int:
-        """How many have lost their results; they are said to have failed."""
+    def _count_vanished(self, tasks: list[Task]) -> int:
+        """Mark items without results as failed, and return their number."""
         lost = [task.name for task in tasks if _has_vanished(task)]
-        said = "its results vanished after they were written: run the job again."
-        self.summary.failed.update(dict.fromkeys(lost, said))
+        message = "its results vanished after they were written: run the job again."
+        self.summary.failed.update(dict.fromkeys(lost, message))
         return len(lost)
 
     def _save(self) -> None:
@@ -191,7 +191,7 @@ class _Ledger:
         self._saved = time.monotonic()
 
     def _records(self) -> Iterator[Report]:
-        """What lies beside results that are there still."""
+        """Yield the records of results that still exist."""
         for task in (*self._plan.current, *self._plan.todo):
             record = read_record(task)
             if record is not None and task.name not in self._failed:
@@ -203,12 +203,12 @@ def _has_vanished(task: Task) -> bool:
     return record is None or bool(find_damage(result_folder(task), record.outputs))
 
 
-def _with_retries(works: Executor, tasks: list[Task], retries: int) -> Iterator[Report]:
-    """Every task's last report; those that may pass are tried again after the others."""
+def _with_retries(executor: Executor, tasks: list[Task], retries: int) -> Iterator[Report]:
+    """Yield the last report of every task; repeat temporary failures after all other tasks."""
     waiting = {task.name: task for task in tasks}
     for attempt in range(retries + 1):
         again = {}
-        for report in works.run(list(waiting.values())):
+        for report in executor.run(list(waiting.values())):
             if report.state == "failed" and report.passing and attempt < retries:
                 again[report.name] = waiting[report.name]
             else:
@@ -218,19 +218,21 @@ def _with_retries(works: Executor, tasks: list[Task], retries: int) -> Iterator[
         waiting = again
 
 
-def check_same(known: dict[str, Any] | None, job: JobSpec, *, force: bool, where: Path) -> None:
-    """Refuse a job that makes something else than the one that ran before, unless forced."""
-    now = json.loads(json.dumps(job.contents()))
-    if known is None or force or known == now:
+def check_settings(
+    previous: dict[str, Any] | None, job: JobSpec, *, force: bool, output: Path
+) -> None:
+    """Raise an error if the settings of a job changed since its last run, unless forced."""
+    current = json.loads(json.dumps(job.contents()))
+    if previous is None or force or previous == current:
         return
-    found = list(_differences(known, now))
-    if not found:
+    differences = list(_differences(previous, current))
+    if not differences:
         return
-    more = len(found) - _DIFFERENCES
-    said = "; ".join(found[:_DIFFERENCES]) + (f"; and {more} more" if more > 0 else "")
+    more = len(differences) - MAX_DIFFERENCES
+    text = "; ".join(differences[:MAX_DIFFERENCES]) + (f"; and {more} more" if more > 0 else "")
     raise FormatError(
-        f"The job was changed since it ran last in {where}: {said}. Give the job another "
-        f"output, or {argument('force', True)} to make anew what that changes."
+        f"The job has changed since its last run in {output}: {text}. Give the job another "
+        f"output, or {argument('force', True)} to recompute the affected items."
     )
 
 
@@ -241,8 +243,8 @@ def _differences(old: Any, new: Any, key: str = "") -> Iterator[str]:
             yield from _differences(old.get(name), new.get(name), inner)
     elif isinstance(old, list) and isinstance(new, list) and key in _TABLES:
         for i in range(max(len(old), len(new))):
-            one, other = (some[i] if i < len(some) else None for some in (old, new))
-            yield from _differences(one, other, f"{key}.{i}")
+            before, after = (tables[i] if i < len(tables) else None for tables in (old, new))
+            yield from _differences(before, after, f"{key}.{i}")
     elif old != new:
         yield f"{key} was {_short(old)}, is {_short(new)}"
 
@@ -252,6 +254,6 @@ _TABLES = ("inputs", "simulations", "scenes")
 
 def _short(value: Any) -> str:
     if value is None:
-        return "not there"
+        return "missing"
     text = json.dumps(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,4 +1,4 @@
-"""Execution of tasks on a Dask worker, and the cores of this computer that workers share."""
+"""Execution of tasks on a Dask worker, and the division of CPU cores among workers."""
 
 from __future__ import annotations
 
@@ -20,43 +20,45 @@ _opening = threading.Lock()
 
 
 def describe_worker() -> dict[str, str]:
-    """Version and computer of this worker, and what is wrong with its device."""
-    known = {"version": __version__, "host": socket.gethostname(), "error": ""}
+    """Return version and host name of this worker, and the error of its device."""
+    description = {"version": __version__, "host": socket.gethostname(), "error": ""}
     try:
         Device.open().ensure_usable()
     except ClplenError as error:
-        return known | {"error": " ".join(str(error).split())}
-    return known
+        return description | {"error": " ".join(str(error).split())}
+    return description
 
 
-def execute_on_worker(words: dict[str, Any], how: dict[str, Any], version: str) -> dict[str, Any]:
-    """Do one item on this worker."""
+def execute_on_worker(
+    task: dict[str, Any], settings: dict[str, Any], version: str
+) -> dict[str, Any]:
+    """Process an item on this worker."""
     if version != __version__:
         raise DeviceError(f"it has clplen {__version__}, the job {version}")
     from distributed import get_worker
 
-    return asdict(execute_task(Task(**words), _resources_of(get_worker(), how)))
+    return asdict(execute_task(Task(**task), _resources_of(get_worker(), settings)))
 
 
-def _resources_of(worker: Any, how: dict[str, Any]) -> Resources:
-    """The resources of this worker for an output folder; its memory is that of the latest run."""
+def _resources_of(worker: Any, settings: dict[str, Any]) -> Resources:
+    """Return the worker's resources for an output folder, with the memory of the latest run."""
     with _opening:
-        known: dict[str, tuple[str, Resources]] = worker.__dict__.setdefault(_RESOURCES, {})
-        run, resources = known.get(how["folder"], ("", None))
-        if resources is not None and run == how["run"]:
+        cache: dict[str, tuple[str, Resources]] = worker.__dict__.setdefault(_RESOURCES, {})
+        run, resources = cache.get(settings["folder"], ("", None))
+        if resources is not None and run == settings["run"]:
             return resources
-        memory = how["memory"]
+        memory = settings["memory"]
         if memory is None:
-            memory = max(1, default_memory(Device.open()) // how["sharing"])
+            memory = max(1, default_memory(Device.open()) // settings["sharing"])
         if resources is None:
             resources = Resources(selector=None, memory=memory)
         else:
             resources.limit(memory)
-        known[how["folder"]] = (how["run"], resources)
+        cache[settings["folder"]] = (settings["run"], resources)
         return resources
 
 
-# What bounds threads, read by PoCL, OpenMP, BLAS, ducc0 when they are loaded.
+# Variables that limit threads; PoCL, OpenMP, BLAS and ducc0 read them when they are loaded.
 _VARIABLES = (
     "POCL_MAX_PTHREAD_COUNT",
     "OMP_NUM_THREADS",
@@ -66,14 +68,14 @@ _VARIABLES = (
 
 
 def usable_cores() -> list[int]:
-    """The cores that this process may run on."""
+    """Return the CPU cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return sorted(os.sched_getaffinity(0))
     return list(range(os.cpu_count() or 1))
 
 
 def share_cores(worker: int, workers: int) -> list[int]:
-    """The cores of one of several workers; beyond one a core they share them."""
+    """Return the CPU cores of a worker; workers share cores if they outnumber them."""
     cores = usable_cores()
     if workers >= len(cores):
         return [cores[worker % len(cores)]]
@@ -81,16 +83,16 @@ def share_cores(worker: int, workers: int) -> list[int]:
 
 
 def worker_environment(cores: list[int]) -> dict[str, str]:
-    """Return variables that keep a new process and its libraries' threads to these cores."""
+    """Return environment variables that restrict a new process and its threads to cores."""
     count = str(len(cores))
     return {CORES: ",".join(map(str, cores))} | dict.fromkeys(_VARIABLES, count)
 
 
 def restrict_cores() -> None:
-    """Keep this process to the cores of its environment, before any device is opened."""
-    wanted = os.environ.get(CORES)
-    if wanted and hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {int(core) for core in wanted.split(",")})
+    """Restrict this process to the cores of ``$CLPLEN_CORES``, before a device is opened."""
+    cores = os.environ.get(CORES)
+    if cores and hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {int(core) for core in cores.split(",")})
 
 
 CORES = "CLPLEN_CORES"

@@ -1,1 +1,1 @@
-"""One item of a job: a task comes in; its result files and a report leave."""
+"""Processing of an item: execute a task, write its result files, return a report."""

@@ -1,4 +1,4 @@
-"""Execution of one task: read, compute, write; whole or not at all."""
+"""Execution of a task: read, compute and write completely, or report an error."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from clplen.io.store.digest import digest, size_of
 from clplen.outputs import is_ours
 
 RECORD = "item.json"
-_MAX_RECORD = 16 << 20  # bytes: 200 for each of 80,000 files of one item
-# Errors of the system that trying again does not mend.
-_LASTING = (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS)
+_MAX_RECORD = 16 << 20  # bytes: 200 for each of 80,000 files of an item
+# System errors that a retry cannot fix.
+_PERMANENT_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS)
 logger = logging.getLogger(__name__)
 
 Advance = Callable[[int, int], None]
@@ -35,18 +35,18 @@ Advance = Callable[[int, int], None]
 
 @arguments_as("file")
 def execute_task(task: Task, resources: Resources, *, advance: Advance | None = None) -> Report:
-    """Do one item and write its record.
+    """Process an item and write its record.
 
-    Another process that works on it is waited for, and what it did is taken over, as is what a
-    worker did that was lost before it could say so.
+    The function waits for another process that works on the item. Valid results of that process,
+    or of a worker that died before its report, are reused.
     """
     started, began = time.time(), time.perf_counter()
     seconds: dict[str, float] = {}
     try:
         with item_lock(Path(task.folder), task.name, check=resources.check):
-            known = read_record(task)
-            if known is not None and is_current(task, known):
-                return known  # by a worker whose word did not arrive
+            record = read_record(task)
+            if record is not None and is_current(task, record):
+                return record  # finished by a worker whose report was lost
             inputs, outputs = _results(task, resources, seconds, advance or (lambda *_: None))
             seconds["total"] = time.perf_counter() - began
             report = Report(
@@ -72,35 +72,35 @@ def execute_task(task: Task, resources: Resources, *, advance: Advance | None = 
 
 
 def result_folder(task: Task) -> Path:
-    """Where the results of an item lie."""
+    """Return the folder of the results of an item."""
     return Path(task.folder, task.name)
 
 
 def read_record(task: Task) -> Report | None:
-    """Return the record beside the results of an item, if there is a whole one."""
+    """Return the record of a finished item; None if it is missing or invalid."""
     path = result_folder(task) / RECORD
     try:
         if not path.is_file() or path.stat().st_size > _MAX_RECORD:
             return None
-        found = Report.from_json(path.read_text(encoding="utf-8"))
+        record = Report.from_json(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return found if (found.name, found.state) == (task.name, "done") else None
+    return record if (record.name, record.state) == (task.name, "done") else None
 
 
-def is_current(task: Task, known: Report) -> bool:
-    """Whether what is known of an item is what the task asks for, with its files in place."""
+def is_current(task: Task, record: Report) -> bool:
+    """Return True if a record matches the task, its inputs are unchanged and its outputs intact."""
     return (
-        known.parameters == task.parameters
-        and not find_damage(result_folder(task), known.outputs)
-        and is_unchanged(task.base, task.files, known.inputs)
+        record.parameters == task.parameters
+        and not find_damage(result_folder(task), record.outputs)
+        and is_unchanged(task.base, task.files, record.inputs)
     )
 
 
 def _results(
     task: Task, resources: Resources, seconds: dict[str, float], advance: Advance
 ) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, Any]]]:
-    """Stamps of inputs and outputs, when everything is written."""
+    """Compute and write the results; return the properties of inputs and outputs."""
     folder = result_folder(task)
     before = _stamps(task)
     check_folder(folder)
@@ -115,7 +115,7 @@ def _results(
         _check_unchanged(task, before)
         old = read_record(task)
         _check_own(folder, {product.name for product in products} - set(old.outputs if old else ()))
-        (folder / RECORD).unlink(missing_ok=True)  # from here on old and new results mix
+        (folder / RECORD).unlink(missing_ok=True)  # old and new results are mixed until the end
         names = write(folder, products, resources, seconds)
     _remove(folder, set(old.outputs if old else ()) - set(names))
     with _clocked("digest", seconds):
@@ -127,17 +127,17 @@ def _results(
 
 
 def _check_own(folder: Path, names: set[str]) -> None:
-    """Refuse to write over what clplen did not write."""
+    """Raise an error if an output would overwrite a file of another program."""
     for path in sorted(folder / name for name in names):
         if os.path.lexists(path) and not is_ours(path):
             raise FileExistsError(
-                f"{path} is there already and clplen did not write it: move it, or name another "
-                "output for the job."
+                f"{path} exists and was not written by clplen: move it, or give the job another "
+                "output."
             )
 
 
 def _remove(folder: Path, names: set[str]) -> None:
-    """Remove what an earlier run made and this one does not; files of others stay."""
+    """Remove outputs of an earlier run that this run does not write; keep other files."""
     for path in (folder / name for name in names):
         if not is_ours(path):
             continue
@@ -151,21 +151,23 @@ def _stamps(task: Task) -> dict[str, tuple[int, int]]:
     try:
         return fingerprints(task.base, task.files)
     except FileNotFoundError as error:
-        raise FormatError(f"There is no file {error.filename} any more.") from error
+        raise FormatError(
+            f"The file {error.filename} was removed: restore it and run the job again."
+        ) from error
 
 
 def _check_unchanged(task: Task, before: dict[str, tuple[int, int]]) -> None:
     after = _stamps(task)
-    changed = [name for name, found in before.items() if after[name] != found]
+    changed = [name for name, stamp in before.items() if after[name] != stamp]
     if changed:
         raise FormatError(
-            f"{Path(task.base, changed[0])} was changed while it was read: run the job again when "
-            "it is written."
+            f"{Path(task.base, changed[0])} changed while it was read: run the job again when the "
+            "file is complete."
         )
 
 
 def _write_record(task: Task, report: Report) -> None:
-    """Whole, but not waited for: after a loss of power the manifest knows it."""
+    """Write the record atomically, without waiting for the disk; the manifest repeats it."""
     with replacing(result_folder(task) / RECORD) as temporary:
         temporary.write_text(report.to_json(), encoding="utf-8")
 
@@ -180,7 +182,7 @@ def _clocked(name: str, seconds: dict[str, float]) -> Iterator[None]:
 def _failed(task: Task, started: float, seconds: dict[str, float], error: Exception) -> Report:
     logger.debug("%s failed", task.name, exc_info=error)
     passing = isinstance(error, MemoryError) or (
-        isinstance(error, OSError) and _errno(error) not in _LASTING
+        isinstance(error, OSError) and _errno(error) not in _PERMANENT_ERRORS
     )
     return Report(
         task.name,
@@ -197,7 +199,7 @@ def _failed(task: Task, started: float, seconds: dict[str, float], error: Except
 
 
 def _errno(error: BaseException | None) -> int | None:
-    """The number of an error of the system, also of one that was said in other words."""
+    """Return the number of a system error, also if it is the cause of another error."""
     while error is not None:
         if isinstance(error, OSError) and error.errno:
             return error.errno
@@ -206,9 +208,9 @@ def _errno(error: BaseException | None) -> int | None:
 
 
 def describe_error(error: BaseException) -> str:
-    """Return what went wrong; of an error that nobody expects, in one line."""
+    """Return an error as text; unexpected errors as a single line with their class."""
     if isinstance(error, MemoryError):
-        return "This computer has not enough memory for it: lower memory or workers."
+        return "This computer has too little memory for the item: lower memory or workers."
     text = reason_of(error)
     if isinstance(error, ClplenError | ValueError | OSError) and text:
         return text

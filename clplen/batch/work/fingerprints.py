@@ -1,4 +1,4 @@
-"""Fingerprints of files and folders: size, time of change, digest."""
+"""Fingerprints of files and folders: size, modification time, digest."""
 
 from __future__ import annotations
 
@@ -12,35 +12,35 @@ Fingerprint = tuple[int, int]  # bytes, time of change in nanoseconds
 
 
 def fingerprint(path: Path) -> Fingerprint:
-    """Size and latest change; of a folder, of all files in it."""
+    """Return size and latest modification of a file, or of all files in a folder."""
     if not path.is_dir():
-        found = path.stat()
-        return found.st_size, found.st_mtime_ns
-    inside = [file.stat() for file in path.rglob("*") if file.is_file()]
+        status = path.stat()
+        return status.st_size, status.st_mtime_ns
+    statuses = [file.stat() for file in path.rglob("*") if file.is_file()]
     return (
-        sum(one.st_size for one in inside),
-        max((one.st_mtime_ns for one in inside), default=path.stat().st_mtime_ns),
+        sum(status.st_size for status in statuses),
+        max((status.st_mtime_ns for status in statuses), default=path.stat().st_mtime_ns),
     )
 
 
 def fingerprints(base: str, files: Iterable[str]) -> dict[str, Fingerprint]:
-    """The stamp of each file, by its name as seen from ``base``."""
+    """Return the fingerprint of each file, by its path relative to ``base``."""
     return {name: fingerprint(Path(base, name)) for name in files}
 
 
-def is_unchanged(base: str, files: Iterable[str], known: dict[str, dict[str, Any]]) -> bool:
-    """Whether files are those that were read: by size and time of change, else by digest."""
+def is_unchanged(base: str, files: Iterable[str], records: dict[str, dict[str, Any]]) -> bool:
+    """Return True if files equal their records, by size and modification time or by digest."""
     names = tuple(files)
-    if set(names) != set(known):
+    if set(names) != set(records):
         return False
     for name in names:
         path = Path(base, name)
         try:
             size, changed = fingerprint(path)
-            then = known[name]
-            if (size, changed) == (then["bytes"], then["changed"]):
+            record = records[name]
+            if (size, changed) == (record["bytes"], record["changed"]):
                 continue
-            if size != then["bytes"] or digest(path) != then["sha256"]:
+            if size != record["bytes"] or digest(path) != record["sha256"]:
                 return False
         except OSError:
             return False
@@ -48,21 +48,21 @@ def is_unchanged(base: str, files: Iterable[str], known: dict[str, dict[str, Any
 
 
 def find_damage(folder: Path, outputs: dict[str, dict[str, Any]], *, thorough: bool = False) -> str:
-    """What is wrong with written files, in words; empty if nothing is."""
-    for name, known in outputs.items():
-        path, size = folder / name, known["bytes"]
+    """Return the first damage of written files as text; empty if all files are intact."""
+    for name, record in outputs.items():
+        path, expected = folder / name, record["bytes"]
         try:
-            found = size_of(path)
-            is_other = thorough and found == size and digest(path) != known["sha256"]
+            size = size_of(path)
+            is_other = thorough and size == expected and digest(path) != record["sha256"]
         except FileNotFoundError:
             return f"{name} is missing"
         except OSError as error:
             return f"{name} cannot be read ({error.strerror})"
-        if found != size:
-            return f"{name} has {found:,} bytes, not {size:,}"
+        if size != expected:
+            return f"{name} has {size:,} bytes, not {expected:,}"
         if is_other:
             return (
-                f"{name} is not what was written (its digest differs, its size does not): remove "
-                "it and run again"
+                f"the content of {name} changed, but not its size: remove the file and run the "
+                "job again"
             )
     return ""

@@ -1,4 +1,4 @@
-"""Locks in the output folder; the system releases them when a process dies."""
+"""Locks in the output folder, released by the system when a process dies."""
 
 from __future__ import annotations
 
@@ -13,22 +13,24 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 HIDDEN = ".clplen"
-_POLL = 0.1  # seconds
+_POLL = 0.1  # interval of attempts to lock in seconds
 
 
 @contextmanager
 def job_lock(folder: Path) -> Iterator[None]:
-    """Hold the output folder for one process that shares out its items."""
+    """Lock the output folder for the process that runs the job."""
     lock = _lock(folder, "job.lock")
-    holder = folder / HIDDEN / "job.holder"  # an attempt to lock may empty the lock's own file
+    holder = (
+        folder / HIDDEN / "job.holder"
+    )  # separate, since an attempt to lock may empty the lock file
     if not _acquire(lock, folder):
         name = holder.read_text(errors="replace") if holder.is_file() else ""
         raise BlockingIOError(
-            f"{name or 'another process'} is at work on {folder}: wait until it has ended, or "
-            "give this job another output."
+            f"{name or 'Another process'} is using {folder}: wait until it ends, or give this job "
+            "another output."
         )
     try:
-        if holder.is_symlink() or not holder.is_file():  # a link could lead to a file of others
+        if holder.is_symlink() or not holder.is_file():  # a link may point to a foreign file
             holder.unlink(missing_ok=True)
         holder.write_text(f"The process {os.getpid()} on {platform.node()}")
         yield
@@ -40,7 +42,7 @@ def job_lock(folder: Path) -> Iterator[None]:
 def item_lock(
     folder: Path, name: str, *, check: Callable[[], None] = lambda: None
 ) -> Iterator[None]:
-    """Hold one item of a folder; wait while another process or thread holds it."""
+    """Lock an item of a folder; wait while another process or thread holds the lock."""
     file = f"items/{hashlib.sha256(os.fsencode(name)).hexdigest()[:4]}.lock"
     while not _acquire(lock := _lock(folder, file), folder):
         check()
@@ -52,28 +54,28 @@ def item_lock(
 
 
 def _lock(folder: Path, name: str) -> FileLock:
-    """A lock on a file of a folder, both made where they are missing; not acquired."""
+    """Return an open lock on a file of a folder; create file and folder if missing."""
     path = folder / HIDDEN / name
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.touch()
     except OSError as error:
         raise type(error)(
-            f"The output {folder} takes no files ({error.strerror}): make room on its disk, or "
+            f"Cannot write to the output {folder} ({error.strerror}): free space on its disk, or "
             "give the job another output."
         ) from error
     return FileLock(path, fallback_to_soft=False)
 
 
 def _acquire(lock: FileLock, folder: Path) -> bool:
-    """Whether a lock was free and is held now."""
+    """Acquire a lock without waiting; return True on success."""
     try:
         lock.acquire(timeout=0)
     except Timeout:
         return False
     except OSError as error:
         raise OSError(
-            f"Files in {folder} cannot be locked ({error.strerror}), so that two processes could "
-            "write one output: choose a disk that knows locks."
+            f"Files in {folder} cannot be locked ({error.strerror}), which is needed to protect "
+            "the output: choose a file system that supports locks."
         ) from error
     return True

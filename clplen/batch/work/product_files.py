@@ -1,4 +1,4 @@
-"""Files that an item writes."""
+"""Output files of an item."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ SUFFIXES = {"ome-tiff": ".ome.tif", "ome-zarr": ".ome.zarr"}
 
 @dataclass(frozen=True)
 class Product:
-    """A file or folder to write: its name, and what writes it under that name."""
+    """Output file or folder: its name, and a function that writes it to a path."""
 
     name: str
     write: Callable[[Path], Any]
@@ -21,10 +21,10 @@ class Product:
 def in_formats(
     stem: str, formats: Iterable[str], write: Callable[..., Any], *values: Any, **more: Any
 ) -> list[Product]:
-    """Return a product of each format; ``write`` takes path and values."""
-    how = {"durable": True, "replace": True} | more
+    """Return a product for each format; ``write`` accepts a path and the values."""
+    arguments = {"durable": True, "replace": True} | more
 
-    def put(path: Path) -> None:
-        write(path, *values, **how)
+    def write_to(path: Path) -> None:
+        write(path, *values, **arguments)
 
-    return [Product(stem + SUFFIXES[name], put) for name in formats]
+    return [Product(stem + SUFFIXES[name], write_to) for name in formats]

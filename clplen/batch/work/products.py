@@ -1,4 +1,4 @@
-"""Results of one item: computed in memory where there is room, else in tiles."""
+"""Results of an item, computed in memory if it suffices, else in tiles."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from clplen import io
-from clplen.batch.jobs.items import layout_in
+from clplen.batch.jobs.items import absolute_layout
 from clplen.batch.jobs.task import Task
 from clplen.batch.work.product_files import Product, in_formats
 from clplen.batch.work.resources import Resources
@@ -40,9 +40,9 @@ _EVERYTHING = (slice(None),) * 4
 
 @dataclass(frozen=True)
 class Light:
-    """The light field of an item and, if it was simulated, its raw image and the truth.
+    """Light field of an item and, for simulations, its raw image and the ground truth.
 
-    ``values`` are the samples of a stored light field that is small enough to be read whole.
+    ``values`` are the samples of a stored light field that fits into the memory.
     """
 
     source: Source | None = None
@@ -55,18 +55,20 @@ class Light:
 def read(
     task: Task, resources: Resources, seconds: dict[str, float], advance: Advance
 ) -> Iterator[Light]:
-    """The light field of a task, on the host, or open to be read in tiles."""
+    """Open the light field of a task, in memory or for reading in tiles."""
     if task.source["kind"] != "file":
         with resources.budget.of(resources.memory), resources.stage("compute", seconds):
-            made = simulate(task.source, device=resources.device, base=task.base, progress=advance)
-        yield Light(made.light_field, raw=made.raw, truth=made.truth)
+            result = simulate(
+                task.source, device=resources.device, base=task.base, progress=advance
+            )
+        yield Light(result.light_field, raw=result.raw, truth=result.truth)
         return
     if not {*task.work} - {"deconvolve", "formats"}:
         with resources.budget.of(resources.memory):
             yield Light()
         return
     path = Path(task.base, task.source["path"])
-    layout = layout_in(task.source["layout"], task.base)
+    layout = absolute_layout(task.source["layout"], task.base)
     with io.open_lightfield(path, device=resources.device, **layout) as stored:
         needed = bytes_in_core(stored, task.work)
         with resources.budget.of(resources.memory if "deconvolve" in task.work else needed):
@@ -79,7 +81,7 @@ def read(
 
 
 def bytes_in_core(stored: StoredLightField, work: dict[str, Any]) -> int:
-    """Bytes on host and device for a light field that is read whole, and what is made of it."""
+    """Return the memory in bytes of an untiled light field and its results, host and device."""
     pixel = 2 * stored.bytes_per_pixel + 4 * 4 * (*stored.shape, 1)[4]
     planes = {
         name: _disparities(stored, work[name])["disparities"]
@@ -90,9 +92,9 @@ def bytes_in_core(stored: StoredLightField, work: dict[str, Any]) -> int:
         pixel += stack_memory(stored, planes["stack"])[0].per_pixel
     if "depth" in work:
         cue = cue_named(work["depth"].get("cue") or default_cue(stored))
-        seen = through(stored, work["depth"].get("aperture"))
-        tried = _disparities(seen, work["depth"])["disparities"]
-        estimate = cue.memory(seen, np.unique(tried))
+        masked = through(stored, work["depth"].get("aperture"))
+        disparities = _disparities(masked, work["depth"])["disparities"]
+        estimate = cue.memory(masked, np.unique(disparities))
         pixel += estimate.per_pixel + estimate.result_bytes
     elif "all_in_focus" in work:
         pixel += blend_memory(stored, planes["all_in_focus"]).per_pixel
@@ -100,13 +102,13 @@ def bytes_in_core(stored: StoredLightField, work: dict[str, Any]) -> int:
 
 
 def bytes_written(stored: StoredLightField, work: dict[str, Any]) -> int:
-    """Bytes of what is made of a light field, uncompressed."""
+    """Return the uncompressed size of the results of a light field in bytes."""
     picture = 4 * int(np.prod(stored.shape[2:], dtype=np.int64))
     ny_nx = 4 * int(np.prod(stored.shape[2:4], dtype=np.int64))
     total = _count(stored, work.get("stack")) * picture
     total += 4 * ny_nx * ("depth" in work) + picture * ("all_in_focus" in work)
     if "views" in work:
-        total += picture * len(_places(stored.shape, work["views"]))
+        total += picture * len(_view_positions(stored.shape, work["views"]))
     total *= len(work["formats"])
     if "light_field" in work:
         total += int(np.prod(stored.shape, dtype=np.int64)) * stored.dtype.itemsize
@@ -120,41 +122,43 @@ def _count(stored: StoredLightField, table: dict[str, Any] | None) -> int:
 
 
 def _planes(lf: Any, table: dict[str, Any]) -> dict[str, Any]:
-    """The planes of a table, else those that suit the light field."""
-    given: dict[str, Any] = {
+    """Return the planes of a table, else planes over the range of the light field."""
+    planes: dict[str, Any] = {
         name: np.array(table[name]) for name in ("alphas", "disparities") if name in table
     }
-    return given or suitable_planes(lf)
+    return planes or suitable_planes(lf)
 
 
 def compute(
     task: Task, light: Light, resources: Resources, seconds: dict[str, float], advance: Advance
 ) -> list[Product]:
-    """What is to be written, computed unless it is written tile by tile."""
-    found: list[Product] = []
+    """Return the products of a task; results in tiles are computed while they are written."""
+    products: list[Product] = []
     if "deconvolve" in task.work:
         with resources.stage("compute", seconds):
-            found = list(volume_products(task, light.raw, resources, advance))
+            products = list(volume_products(task, light.raw, resources, advance))
     if light.source is None:
-        return found
+        return products
     if isinstance(light.source, StoredLightField) and light.values is None:
-        return found + _of_light_field(light.source, task.work, resources, advance)
+        return products + _light_field_products(light.source, task.work, resources, advance)
     with resources.stage("compute", seconds):
         if is_focused(light.raw):
-            return [*found, *_simulated(light), *focused_products(light.raw, task.work)]
+            focused = focused_products(light.raw, task.work)
+            return [*products, *_simulation_products(light), *focused]
         lf = light.source
         if isinstance(lf, StoredLightField):
             lf = lf.part(light.values, resources.device)
         elif "light_field" not in task.work:
-            found.append(_light_field(lf, "hdf5"))
-        found += [*_simulated(light), *_of_light_field(lf, task.work, resources, None)]
-    return found
+            products.append(_light_field(lf, "hdf5"))
+        products += _simulation_products(light)
+        products += _light_field_products(lf, task.work, resources, None)
+    return products
 
 
 def write(
     folder: Path, products: list[Product], resources: Resources, seconds: dict[str, float]
 ) -> list[str]:
-    """Write everything and name it."""
+    """Write all products, and return their names."""
     with resources.stage("write", seconds):
         for product in products:
             resources.check()
@@ -162,75 +166,75 @@ def write(
     return [product.name for product in products]
 
 
-def _simulated(light: Light) -> list[Product]:
-    """What a simulation knows besides: raw image and truth, whatever else is made."""
-    found = []
+def _simulation_products(light: Light) -> list[Product]:
+    """Return the raw image and the ground truth of a simulation."""
+    products = []
     if light.raw is not None:
         raw = light.raw.to_numpy()
-        found.append(Product("raw.tif", partial(_write_raw, raw)))
+        products.append(Product("raw.tif", partial(_write_raw, raw)))
     if light.truth is not None:
-        found.append(
+        products.append(
             Product("truth.h5", lambda path: io.write_truth(path, light.truth, durable=True))
         )
-    return found
+    return products
 
 
-def _of_light_field(
+def _light_field_products(
     lf: Source, work: dict[str, Any], resources: Resources, progress: Advance | None
 ) -> list[Product]:
-    """What is made of a light field: on the device at once, or of one that is read in tiles."""
+    """Return the products of a light field in memory, or of a stored one in tiles."""
     if "light_field" in work and not isinstance(lf, LightField):
         raise DeviceError(
             f"The light field of shape {lf.shape} and its results need more than the memory of "
-            f"{resources.memory:,} bytes, and [light_field] writes it as a whole: raise memory=, "
-            "or leave the table out."
+            f"{resources.memory:,} bytes, but [light_field] cannot be written in tiles: raise "
+            "memory=, or leave the table out."
         )
-    how: dict[str, Any] = {"memory": resources.memory, "device": resources.device}
-    how["progress"] = progress
-    found: list[Product] = []
+    tiling: dict[str, Any] = {"memory": resources.memory, "device": resources.device}
+    tiling["progress"] = progress
+    products: list[Product] = []
     formats, spacing = work["formats"], lf.spacing
     if "stack" in work:
-        found += _stacks(lf, _stack_words(lf, work["stack"]), how, formats)
+        products += _stacks(lf, _stack_arguments(lf, work["stack"]), tiling, formats)
     depth: DepthMap | None = None
     if "depth" in work:
-        depth = depth_map(lf, **work["depth"], **how)
-        found += in_formats("depth", formats, io.write_depth, depth, spacing=spacing)
+        depth = depth_map(lf, **work["depth"], **tiling)
+        products += in_formats("depth", formats, io.write_depth, depth, spacing=spacing)
     if "all_in_focus" in work:
         planes = {} if depth is not None else _disparities(lf, work["all_in_focus"])
-        sharp = all_in_focus(lf, depth=depth, **planes, **how).to_numpy()
-        found += in_formats("all_in_focus", formats, io.write_image, sharp, spacing=spacing)
+        sharp = all_in_focus(lf, depth=depth, **planes, **tiling).to_numpy()
+        products += in_formats("all_in_focus", formats, io.write_image, sharp, spacing=spacing)
     if "views" in work:
-        for v, u in _places(lf.shape, work["views"]):
+        for v, u in _view_positions(lf.shape, work["views"]):
             picture = _view(lf, v, u, resources.device)
             stem = f"view_{v:g}_{u:g}"
-            found += in_formats(stem, formats, io.write_image, picture, spacing=spacing)
+            products += in_formats(stem, formats, io.write_image, picture, spacing=spacing)
     if "light_field" in work:
         assert isinstance(lf, LightField)
-        found.append(_light_field(lf, work["light_field"]["format"]))
-    return found
+        products.append(_light_field(lf, work["light_field"]["format"]))
+    return products
 
 
 def _stacks(
-    lf: Source, words: dict[str, Any], how: dict[str, Any], formats: list[str]
+    lf: Source, arguments: dict[str, Any], tiling: dict[str, Any], formats: list[str]
 ) -> list[Product]:
-    """The stack of a light field on a device, or one computed for each file while it is written."""
+    """Return a stack computed now, or in tiles while each file is written."""
     if isinstance(lf, LightField):
-        stack = focal_stack(lf, **words)
+        stack = focal_stack(lf, **arguments)
         make: Callable[[], Any] = lambda: stack  # noqa: E731
     else:
-        make = partial(stack_tiles, lf, **words, **how)
+        make = partial(stack_tiles, lf, **arguments, **tiling)
 
     return in_formats("stack", formats, lambda path, **more: io.write_stack(path, make(), **more))
 
 
 def _view(lf: Source, v: float, u: float, device: Device) -> Values:
-    """One view, of a stored light field from the views beside it alone."""
+    """Return a view; a stored light field is read at the neighbouring views only."""
     if isinstance(lf, LightField):
         return lf.view(v, u).to_numpy()
     if not (0 <= v <= lf.shape[0] - 1 and 0 <= u <= lf.shape[1] - 1):
         raise ValueError(
             f"The view ({v:g}, {u:g}) lies outside the {lf.shape[0]} x {lf.shape[1]} "
-            "views: mend [views]."
+            "views: correct [views]."
         )
     rows, columns = (slice(math.floor(at), math.ceil(at) + 1) for at in (v, u))
     weights = lf.weights[rows, columns]
@@ -242,9 +246,9 @@ def _view(lf: Source, v: float, u: float, device: Device) -> Values:
     return part.view(v - rows.start, u - columns.start).to_numpy()
 
 
-def _stack_words(lf: Any, table: dict[str, Any]) -> dict[str, Any]:
-    words = {name: table[name] for name in ("aperture", "interpolation") if name in table}
-    return words | _planes(lf, table)
+def _stack_arguments(lf: Any, table: dict[str, Any]) -> dict[str, Any]:
+    settings = {name: table[name] for name in ("aperture", "interpolation") if name in table}
+    return settings | _planes(lf, table)
 
 
 def _disparities(lf: Any, table: dict[str, Any]) -> dict[str, Any]:
@@ -252,7 +256,7 @@ def _disparities(lf: Any, table: dict[str, Any]) -> dict[str, Any]:
     return {"disparities": lf.disparity(planes["alphas"])} if "alphas" in planes else planes
 
 
-def _places(shape: tuple[int, ...], table: dict[str, Any]) -> list[tuple[float, float]]:
+def _view_positions(shape: tuple[int, ...], table: dict[str, Any]) -> list[tuple[float, float]]:
     middle = ((shape[0] - 1) / 2, (shape[1] - 1) / 2)
     return [(float(v), float(u)) for v, u in table.get("at", [middle])]
 

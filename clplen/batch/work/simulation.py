@@ -27,22 +27,23 @@ from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.wave.coherence.averaging import Progress
 
-_NONE = {
-    "views": "has no views of directions: leave [views] out",
-    "light_field": "has no light field, its raw.h5 is written: leave [light_field] out",
+_UNSUPPORTED = {
+    "views": "does not record views: leave [views] out",
+    "light_field": "does not record a light field, raw.h5 is written instead: leave [light_field] "
+    "out",
 }
 
 
 def is_focused(raw: Any) -> bool:
-    """Whether a raw image is of a focused camera."""
+    """Return True for a raw image of a focused camera."""
     return raw is not None and raw.camera is not None and raw.camera.kind == "focused"
 
 
 def focused_products(raw: RawImage, work: dict[str, Any]) -> Iterator[Product]:
-    """Yield raw.h5, and stack, depth and all_in_focus where they are asked for."""
-    for name, why in _NONE.items():
+    """Yield raw.h5, and the requested stack, depth and all_in_focus."""
+    for name, reason in _UNSUPPORTED.items():
         if name in work:
-            raise ValueError(f"A focused camera {why}.")
+            raise ValueError(f"A focused camera {reason}.")
     formats = work["formats"]
     yield Product("raw.h5", lambda path: io.write_raw(path, raw, durable=True))
     if "stack" in work:
@@ -60,12 +61,12 @@ def focused_products(raw: RawImage, work: dict[str, Any]) -> Iterator[Product]:
 
 
 def _ms(raw: RawImage, table: dict[str, Any]) -> np.ndarray[Any, Any]:
-    """m = b/(z2 - F/alpha) of the planes."""
+    """Return m = b/(z2 - F/alpha) of the planes."""
     camera: Any = raw.camera
     if "alphas" not in table:
         raise ValueError(
-            "The planes of a focused camera have no disparities: give alphas in [stack], F/F' as "
-            "for other cameras."
+            "The planes of a focused camera must be given as alphas = F/F': set alphas in "
+            "[stack] instead of disparities."
         )
     alphas = np.asarray(table["alphas"], np.float64)
     return np.asarray(
@@ -74,8 +75,8 @@ def _ms(raw: RawImage, table: dict[str, Any]) -> np.ndarray[Any, Any]:
 
 
 @dataclass(frozen=True, eq=False)
-class Simulated:
-    """Results of a simulation: a camera gives a raw image, a scene of surfaces the truth."""
+class Simulation:
+    """Light field of a simulation, with the raw image of a camera and the truth of a scene."""
 
     light_field: LightField
     raw: RawImage | None = None
@@ -83,47 +84,47 @@ class Simulated:
 
 
 def simulate(
-    words: dict[str, Any],
+    origin: dict[str, Any],
     *,
     device: Device,
     base: PathLike = ".",
     progress: Progress | None = None,
-) -> Simulated:
-    """Simulate an item; the same words give the same bits on the same device."""
-    if words["kind"] == "camera":
-        return _by_waves(words, Path(base, words["folder"]), device, progress)
-    if "content" in words:
-        return _by_rays(words, device)
-    sample = sample_scene(words, tuple(words["shape"]))
+) -> Simulation:
+    """Simulate an item; the result is reproducible to the last bit on a device."""
+    if origin["kind"] == "camera":
+        return _by_waves(origin, Path(base, origin["folder"]), device, progress)
+    if "content" in origin:
+        return _by_rays(origin, device)
+    sample = sample_scene(origin, tuple(origin["shape"]))
     lf, truth = sample.scene.light_field(
-        tuple(words["views"]),
-        tuple(words["shape"]),
+        tuple(origin["views"]),
+        tuple(origin["shape"]),
         device=device,
-        noise=sample.noise if words["noise"] is None else words["noise"],
-        seed=words["seed"],
+        noise=sample.noise if origin["noise"] is None else origin["noise"],
+        seed=origin["seed"],
     )
-    return Simulated(lf, truth=truth)
+    return Simulation(lf, truth=truth)
 
 
 def _by_waves(
-    words: dict[str, Any], folder: Path, device: Device, progress: Progress | None
-) -> Simulated:
-    file = validate_content(CameraFile, words["content"], folder)
+    origin: dict[str, Any], folder: Path, device: Device, progress: Progress | None
+) -> Simulation:
+    file = validate_content(CameraFile, origin["content"], folder)
     raw = file.camera.build(device).expose(**file.exposure(), progress=progress)
-    return Simulated(_decoded(raw), raw)
+    return Simulation(_decode(raw), raw)
 
 
-def _by_rays(words: dict[str, Any], device: Device) -> Simulated:
-    file = validate_content(InstrumentFile, words["content"], Path())
+def _by_rays(origin: dict[str, Any], device: Device) -> Simulation:
+    file = validate_content(InstrumentFile, origin["content"], Path())
     camera = check_traceable(file.camera.build(device))
     raw = camera.expose(
-        sample_scene(words, camera.mla.count).scene,
+        sample_scene(origin, camera.mla.count).scene,
         model="rays",
         sensor=None if file.sensor is None else file.sensor.build(),
     )
-    return Simulated(_decoded(raw), raw, cast("Truth | None", raw.truth))
+    return Simulation(_decode(raw), raw, cast("Truth | None", raw.truth))
 
 
-def _decoded(raw: RawImage) -> LightField:
-    """The light field; of a focused camera, of which the raw image is used, its plain pixels."""
+def _decode(raw: RawImage) -> LightField:
+    """Decode the light field; naively for a focused camera, whose raw image is used instead."""
     return LightField.from_raw(raw, decode="naive" if is_focused(raw) else "calibrated")

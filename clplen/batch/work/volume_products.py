@@ -1,4 +1,4 @@
-"""Volumes of a job's frames; point images and matrices are kept from item to item."""
+"""Volumes from the frames of a job; point images and matrices are reused between items."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from clplen.batch.jobs.items import layout_in
+from clplen.batch.jobs.items import absolute_layout
 from clplen.batch.jobs.task import Task
 from clplen.batch.work.fingerprints import fingerprint
 from clplen.batch.work.product_files import SUFFIXES, Product
@@ -32,53 +32,56 @@ def volume_products(
     task: Task, raw: RawImage | None, resources: Resources, advance: Advance
 ) -> Iterator[Product]:
     """Yield the volume of a frame or a series in each format."""
-    layout = layout_in(task.source.get("layout", {}), task.base)
+    layout = absolute_layout(task.source.get("layout", {}), task.base)
     table = dict(task.work["deconvolve"])
     path = Path(task.base, task.source["path"]) if task.source["kind"] == "file" else None
     pages = pages_of(path) if path else []
     files = {"psf": str(Path(task.base, table.pop("psf")))}
     files |= {name: layout[name] for name in ("white", "dark") if name in layout}
-    how = take_settings(DeconvolutionSettings, table)
-    how.require_series(len(pages) > 1, in_turn=False)
-    of_lattice = take_settings(LatticeSettings, table, Path(task.base))
-    of_lattice.require_no_white("white" in files)
-    files |= {} if of_lattice.mask is None else {"mask": str(of_lattice.mask)}
+    settings = take_settings(DeconvolutionSettings, table)
+    settings.require_series(len(pages) > 1, in_turn=False)
+    lattice_settings = take_settings(LatticeSettings, table, Path(task.base))
+    lattice_settings.require_no_white("white" in files)
+    files |= {} if lattice_settings.mask is None else {"mask": str(lattice_settings.mask)}
     picture = _frame(pages, raw)
-    lattice = of_lattice.of_frame(picture.shape, path or "The frame")
+    lattice = lattice_settings.of_frame(picture.shape, path or "The frame")
     deconvolver = _cached_deconvolver(
-        resources, files, how, force=layout.get("force", False), lattice=lattice
+        resources, files, settings, force=layout.get("force", False), lattice=lattice
     )
     if len(pages) > 1:
         for name in task.work["formats"]:
-            write = partial(_write_series, deconvolver, pages, task.name, advance)
-            yield Product(f"volume{SUFFIXES[name]}", write)
+            write_series = partial(_write_series, deconvolver, pages, task.name, advance)
+            yield Product(f"volume{SUFFIXES[name]}", write_series)
         return
     frame = deconvolver.prepared(picture)
-    said = deconvolver.checks() + deconvolver.diagnose(frame)
-    found = deconvolver(frame, progress=advance)
-    said += deconvolver.diagnose(frame, found)
-    for text in said:
+    messages = deconvolver.checks() + deconvolver.diagnose(frame)
+    result = deconvolver(frame, progress=advance)
+    messages += deconvolver.diagnose(frame, result)
+    for text in messages:
         logger.warning("%s: %s", task.name, text)
     more = {
         "left_out": frame.left_out,
         "below_0": frame.negative,
-        "remarks": said,
+        "remarks": messages,
         "place": deconvolver.place(),
         "job": {"frame": digest(path) if path else None, "number": None, **deconvolver.words},
     }
-    write = partial(write_result, found=found, images=deconvolver.images, more=more, replace=True)
+
+    def write(path: Path) -> None:
+        write_result(path, result, deconvolver.images, more=more, replace=True)
+
     for name in task.work["formats"]:
         yield Product(f"volume{SUFFIXES[name]}", write)
 
 
 def _frame(pages: list[Page], raw: RawImage | None) -> Any:
-    """The raw frame of an item, of a series the first one."""
+    """Return the raw frame of an item, or the first frame of a series."""
     if pages:
         return read_picture(pages[0].path, pages[0].number)
     if raw is None or not isinstance(raw.camera, Microscope):
         raise ValueError(
-            "[deconvolve] is of frames of a light-field microscope, and this one is none: give it "
-            "a job of its own."
+            "[deconvolve] applies to frames of a light-field microscope only: process other light "
+            "fields in a separate job."
         )
     return raw.to_numpy()
 
@@ -86,35 +89,35 @@ def _frame(pages: list[Page], raw: RawImage | None) -> Any:
 def _write_series(
     deconvolver: Deconvolver, pages: list[Page], name: str, advance: Advance, path: Path
 ) -> None:
-    """Write the volumes of a series to one file; what is there of it is gone on with."""
-    how, remarks = deconvolver.how, Remarks()
-    words = words_of_series(pages, deconvolver.words, deconvolver.begin.words, how.rolling)
+    """Write the volumes of a series to one file; continue an incomplete file."""
+    settings, remarks = deconvolver.how, Remarks()
+    job = words_of_series(pages, deconvolver.words, deconvolver.begin.words, settings.rolling)
     about, records = series_in(path)
-    is_same = about.get("job") == words and how.batch in (None, about.get("batch"))
-    if is_same and count_whole(path) == len(pages) and path.exists():
+    can_resume = about.get("job") == job and settings.batch in (None, about.get("batch"))
+    if can_resume and count_whole(path) == len(pages) and path.exists():
         return
-    batch = about["batch"] if is_same and records else None
-    writer = SeriesWriter(path, pages, deconvolver, words, batch=batch)
-    said, done = deconvolver.checks(), writer.done
-    for some in writer:
-        done += len(some.pages)
+    batch = about["batch"] if can_resume and records else None
+    writer = SeriesWriter(path, pages, deconvolver, job, batch=batch)
+    messages, done = deconvolver.checks(), writer.done
+    for group in writer:
+        done += len(group.pages)
         advance(done, len(pages))
-        said += remarks.new(some)
-    for text in (*said, *remarks.repeated(len(pages) - writer.done)):
+        messages += remarks.new(group)
+    for text in (*messages, *remarks.repeated(len(pages) - writer.done)):
         logger.warning("%s: %s", name, text)
 
 
 def _cached_deconvolver(
-    resources: Resources, files: dict[str, Any], how: DeconvolutionSettings, **more: Any
+    resources: Resources, files: dict[str, Any], settings: DeconvolutionSettings, **more: Any
 ) -> Deconvolver:
-    """That of the item before, where it has the same files and settings."""
+    """Return the deconvolver of the previous item if files and settings are equal, else a new."""
     prints = ((name, path, fingerprint(Path(path))) for name, path in files.items())
-    key = (how, more, *prints)
+    key = (settings, more, *prints)
     if resources.deconvolver is None or resources.deconvolver[0] != key:
-        resources.deconvolver = None  # its matrices go before others come
-        images = read_psf(files.pop("psf"))
-        made = Deconvolver(
-            images, how, device=resources.device, memory=resources.memory // 2, **files, **more
+        resources.deconvolver = None  # frees its matrices first
+        images, memory = read_psf(files.pop("psf")), resources.memory // 2
+        deconvolver = Deconvolver(
+            images, settings, device=resources.device, memory=memory, **files, **more
         )
-        resources.deconvolver = (key, made)
+        resources.deconvolver = (key, deconvolver)
     return resources.deconvolver[1]

@@ -1,1 +1,1 @@
-"""Commands for displays and other programs; may import shared."""
+"""Commands that write files for displays and other programs; may import shared."""

@@ -22,57 +22,71 @@ if TYPE_CHECKING:
 Values = np.ndarray[Any, Any]
 
 _INCH = 0.0254  # metres
-_MOST_VIEWS = 64  # by default
-_LEAST_LENSES = 4  # of a print
-_OF_TEST = ("output", "lpi", "dpi", "width", "lenses", "pitch_test", "spread", "force", "selector")
+MAX_VIEWS = 64  # default maximum number of views under a lens
+MIN_LENSES = 4  # smallest useful print
+_PITCH_TEST_OPTIONS = (
+    "output",
+    "lpi",
+    "dpi",
+    "width",
+    "lenses",
+    "pitch_test",
+    "spread",
+    "force",
+    "selector",
+)
 _POSITIVE = click.FloatRange(0, 1e6, min_open=True)
 
 
 @click.command(cls=options.Command)
 @click.argument("source", metavar="[INPUT]", required=False, type=click.Path(path_type=Path))
-@options.output("OUT.tif|OUT.png", "Picture of 8 bits, with its dpi.")
+@options.output("OUT.tif|OUT.png", "Output: 8-bit picture that stores its dpi.")
 @click.option(
-    "--lpi", type=_POSITIVE, required=True, help="Number of lenses an inch, from a pitch test."
+    "--lpi", type=_POSITIVE, required=True, help="Number of lenses per inch, from a pitch test."
 )
 @click.option(
     "--dpi",
     type=_POSITIVE,
     default=720.0,
     show_default=True,
-    help="Number of printed pixels an inch.",
+    help="Number of printed pixels per inch.",
 )
 @click.option(
     "--width",
     type=options.Length("positive"),
     default="0.15",
     show_default=True,
-    help="Width of the print.",
+    help="Width of the print, with a unit (15cm) or in metres.",
 )
 @click.option(
     "--height",
     type=options.Length("positive"),
-    help="Height of the print; default: that of the views in proportion.",
+    help="Height of the print. Default: by the aspect ratio of the views.",
 )
 @click.option(
     "--lenses",
     type=click.Choice(["vertical", "horizontal"]),
     default="vertical",
     show_default=True,
-    help="Direction of the lenses: up and down for depth, left and right to tilt the print.",
+    help="Direction of the lenses: vertical for depth, horizontal for an effect on tilting.",
 )
 @click.option(
     "--strips",
     type=int,
     metavar="N",
-    help=f"Views under a lens; default: its pixels, at most {_MOST_VIEWS}.",
+    help=f"Number of views under a lens. Default: its number of pixels, at most {MAX_VIEWS}.",
 )
 @click.option(
     "--distance",
     type=options.Length("positive"),
-    help="Distance from the eye to the print, with --thickness; default: infinity, or that "
-    "of the pitch test.",
+    help="Viewing distance, together with --thickness, for a nominal --lpi. Default: infinity, or "
+    "the distance of the pitch test.",
 )
-@click.option("--thickness", type=options.Length("positive"), help="Thickness of the sheet.")
+@click.option(
+    "--thickness",
+    type=options.Length("positive"),
+    help="Thickness of the sheet, together with --distance.",
+)
 @click.option(
     "--index",
     type=click.FloatRange(1, 4),
@@ -85,19 +99,19 @@ _POSITIVE = click.FloatRange(0, 1e6, min_open=True)
     type=click.FloatRange(0, 1, min_open=True),
     default=1.0,
     show_default=True,
-    help="Part of the recorded baseline between the first view and the last.",
+    help="Fraction of the recorded baseline that the views span.",
 )
 @click.option(
     "--pitch-test",
     is_flag=True,
-    help="Make a print that finds the lpi of the sheet, without INPUT.",
+    help="Make a test print that measures the lpi of the sheet; takes no INPUT.",
 )
 @click.option(
     "--spread",
     type=click.FloatRange(0, 20, min_open=True),
     default=1.0,
     show_default=True,
-    help="Range of the pitch test, in per cent to both sides.",
+    help="Range of the pitch test around --lpi, in per cent to either side.",
 )
 @depth_options
 @tone
@@ -128,11 +142,12 @@ def lenticular(
     selector: str | None,
     **layout: Any,
 ) -> None:
-    """Make a print to lie under a lenticular sheet: views as strips under each lens.
+    """Make a print for a lenticular sheet.
 
-    Views between the recorded ones are rendered along the depth of the scene. Print it at its own
-    size, without scaling. A pitch test, seen from where the print will be seen, finds the lpi that
-    the sheet has on this printer; --distance and --thickness are for a nominal lpi.
+    The print has a strip of every view under each lens. Intermediate views are rendered with the
+    depth of the scene. Print the picture at its size, without scaling. Print a pitch test first,
+    and look at it from the viewing distance: it shows the lpi of the sheet on this printer. With a
+    nominal lpi, give --distance and --thickness.
 
     \b
     Example:
@@ -185,7 +200,7 @@ def lenticular(
 
 @dataclass(frozen=True)
 class _Sheet:
-    """A print under lenses of a pitch in pixels; no height is that of the views."""
+    """Print under lenses with a pitch in pixels; without height, the views set it."""
 
     lenses: str
     pitch: float
@@ -194,50 +209,50 @@ class _Sheet:
 
     @property
     def along(self) -> Literal["v", "u"]:
-        """The axis of the viewpoints."""
+        """Axis of the viewpoints."""
         return "u" if self.lenses == "vertical" else "v"
 
     @property
     def axis(self) -> int:
-        """The same of pairs (v, u) and (y, x)."""
+        """Index of the viewpoint axis in pairs (v, u) and (y, x)."""
         return "vu".index(self.along)
 
-    def strips(self, asked: int | None) -> int:
-        """How many views lie under a lens."""
-        most = math.floor(self.pitch)
-        if asked is None:
-            return min(most, _MOST_VIEWS)
-        if not 2 <= asked <= most:
+    def strips(self, count: int | None) -> int:
+        """Return the number of views under a lens."""
+        limit = math.floor(self.pitch)
+        if count is None:
+            return min(limit, MAX_VIEWS)
+        if not 2 <= count <= limit:
             raise click.UsageError(
-                f"--strips is 2 to {most}, the pixels under a lens of {self.pitch:.4g}, not "
-                f"{asked}."
+                f"--strips must be 2 to {limit}, the number of pixels under a lens of "
+                f"{self.pitch:.4g} pixels, got {count}."
             )
-        return asked
+        return count
 
-    def check(self, shown: tuple[float, ...]) -> tuple[int, int]:
-        """(y, x) pixels of a print of a window (height, width); refused if it is none."""
+    def check(self, window: tuple[float, ...]) -> tuple[int, int]:
+        """Return the size (y, x) of the print of a window (height, width) in pixels."""
         from clplen.io.displays.lenticular import check_print
 
         height = self.height
         if height is None:
-            height = max(round(self.width * shown[0] / shown[1]), 1)
+            height = max(round(self.width * window[0] / window[1]), 1)
         size = (height, self.width)
         check_print(size, 3)
-        if size[self.axis] < _LEAST_LENSES * self.pitch:
+        if size[self.axis] < MIN_LENSES * self.pitch:
             raise click.UsageError(
-                f"A print of {size[1]} x {size[0]} pixels lies under "
-                f"{size[self.axis] / self.pitch:.2g} lenses of {self.pitch:.4g} pixels: give a "
-                f"larger one, of at least {_LEAST_LENSES}."
+                f"The print must cover at least {MIN_LENSES} lenses of {self.pitch:.4g} pixels, "
+                f"got {size[self.axis] / self.pitch:.2g} lenses with {size[1]} x {size[0]} pixels: "
+                "make it larger."
             )
         return size
 
     def samples(self, size: tuple[int, int]) -> tuple[int, int]:
-        """(y, x): what of a print of this size is told apart, one sample a lens."""
+        """Return the number of resolved samples (y, x) of a print: one per lens."""
         across = max(round(size[self.axis] / self.pitch), 1)
         return (size[0], across) if self.axis == 1 else (across, size[1])
 
     def interlaced(self, pictures: Iterator[Values], count: int) -> Values:
-        """The print."""
+        """Return the interlaced print of the views."""
         from clplen.io import interlace
 
         return interlace(pictures, self.pitch, count=count, lenses=self.lenses)
@@ -246,35 +261,34 @@ class _Sheet:
 def _check_words(
     source: Path | None, *, pitch_test: bool, distance: float | None, thickness: float | None
 ) -> None:
-    """Refuse words that do not go together."""
+    """Raise an error if options contradict each other."""
     if not pitch_test:
         if source is None:
-            raise click.UsageError("Give the light field to print, or --pitch-test.")
+            raise click.UsageError("INPUT is missing: give a light field, or --pitch-test.")
         if (distance is None) != (thickness is None):
             raise click.UsageError(
-                "--distance and --thickness together say how far strips move under a lens: give "
-                "both, or none."
+                "--distance and --thickness must be given together: give both or none of them."
             )
     context = click.get_current_context()
-    given = {
+    flags = {
         parameter.name: "INPUT" if parameter.name == "source" else parameter.opts[0]
         for parameter in context.command.params
         if context.get_parameter_source(parameter.name or "") == ParameterSource.COMMANDLINE
     }
-    others = [word for name, word in given.items() if name not in _OF_TEST]
+    others = [flag for name, flag in flags.items() if name not in _PITCH_TEST_OPTIONS]
     if pitch_test and others:
         raise click.UsageError(
-            f"{others[0]} is not for --pitch-test, which takes --lpi, --dpi, --width, --lenses "
-            "and --spread."
+            f"{others[0]} cannot be combined with --pitch-test, which uses --lpi, --dpi, --width, "
+            "--lenses and --spread only."
         )
-    if not pitch_test and "spread" in given:
-        raise click.UsageError("--spread is for --pitch-test.")
+    if not pitch_test and "spread" in flags:
+        raise click.UsageError("--spread needs --pitch-test.")
 
 
 def _write_test(
     output: Path, lpi: float, dpi: float, width: float, spread: float, lenses: str
 ) -> str:
-    """Write a pitch test, and say what is in it."""
+    """Write a pitch test, and return its description."""
     from clplen.io import pitch_test, write_picture
 
     picture = pitch_test(lpi, dpi, width, spread=spread)
@@ -285,8 +299,8 @@ def _write_test(
     low, high = (lpi * (1 + part * spread / 100) for part in (-1, 1))
     return (
         f"{output}: {picture.shape[1]} x {picture.shape[0]} pixels, {across:.2f} x {height:.2f} cm "
-        f"at {dpi:g} dpi; bars of {low:.5g} to {high:.5g} lpi. Print it without scaling and lay "
-        "the sheet on it: the even band tells the lpi."
+        f"at {dpi:g} dpi; bars of {low:.5g} to {high:.5g} lpi. Print it without scaling and put "
+        "the sheet on it: the uniform band shows the lpi."
     )
 
 

@@ -23,24 +23,28 @@ _NAMES = ("go", "portrait", "16-landscape", "16-portrait", "32-landscape", "32-p
 
 @click.command(cls=options.Command)
 @options.source
-@options.output("OUT.png", "Quilt; _qsCOLUMNSxROWSaASPECT is added to the name where it lacks.")
+@options.output("OUT.png", "Output: the suffix _qsCOLUMNSxROWSaASPECT is added if missing.")
 @click.option(
     "--display",
     type=click.Choice(_NAMES),
     default="portrait",
     show_default=True,
-    help="Model of the Looking Glass, which sets tiles, size and aspect.",
+    help="Model of the Looking Glass; sets the defaults of --columns, --rows, --size and --aspect.",
 )
-@click.option("--columns", type=int, help="Number of columns of tiles, in place of the display's.")
-@click.option("--rows", type=int, help="Number of rows of tiles.")
-@click.option("--size", type=Width(), help="Size of the quilt in pixels.")
-@click.option("--aspect", type=options.FINITE, help="Ratio of width to height of the picture.")
+@click.option("--columns", type=int, help="Number of columns of tiles. Default: by --display.")
+@click.option("--rows", type=int, help="Number of rows of tiles. Default: by --display.")
+@click.option("--size", type=Width(), help="Size of the quilt in pixels. Default: by --display.")
+@click.option(
+    "--aspect",
+    type=options.FINITE,
+    help="Ratio of width to height of the picture. Default: by --display.",
+)
 @click.option(
     "--span",
     type=click.FloatRange(0, 1, min_open=True),
     default=1.0,
     show_default=True,
-    help="Part of the recorded baseline between the first view and the last.",
+    help="Fraction of the recorded baseline that the views span.",
 )
 @depth_options
 @tone
@@ -65,9 +69,10 @@ def quilt(
     selector: str | None,
     **layout: Any,
 ) -> None:
-    """Make a quilt for a Looking Glass display: views from left to right as tiles of one picture.
+    """Make a quilt for a Looking Glass display.
 
-    Views between the recorded ones are rendered along the depth of the scene.
+    A quilt is a picture with the views as tiles. Intermediate views are rendered with the depth of
+    the scene.
 
     \b
     Example:
@@ -78,16 +83,16 @@ def quilt(
     from clplen.io.displays.display_window import display_window
     from clplen.io.displays.quilt import DISPLAYS, QuiltLayout, check_memory, write_quilt
 
-    known = DISPLAYS[display]
-    chosen = QuiltLayout(
-        known.columns if columns is None else columns,
-        known.rows if rows is None else rows,
-        size or known.size,
-        known.aspect if aspect is None else aspect,
+    default = DISPLAYS[display]
+    quilt_layout = QuiltLayout(
+        default.columns if columns is None else columns,
+        default.rows if rows is None else rows,
+        size or default.size,
+        default.aspect if aspect is None else aspect,
     )
-    target = chosen.name(output)
+    target = quilt_layout.name(output)
     check_output(source, target, layout, (".png",))
-    check_memory(chosen, 3)
+    check_memory(quilt_layout, 3)
     scene = open_scene(
         source,
         selector,
@@ -98,18 +103,18 @@ def quilt(
         disparities=disparities,
         alphas=alphas,
     )
-    viewpoints = scene.across(span, chosen.views)
+    viewpoints = scene.across(span, quilt_layout.views)
     shifts = scene.shifts(viewpoints)
-    window = display_window(scene.lf.shape[2:4], shifts, chosen.aspect)
-    scene.note_parallax(viewpoints, window, chosen.tile[1], "pixel of a tile")
-    write_quilt(target, _tiles(scene, viewpoints, shifts, window, chosen), chosen)
+    window = display_window(scene.lf.shape[2:4], shifts, quilt_layout.aspect)
+    scene.note_parallax(viewpoints, window, quilt_layout.tile[1], "pixel of a tile")
+    write_quilt(target, _tiles(scene, viewpoints, shifts, window, quilt_layout), quilt_layout)
     first, last = viewpoints[0][1], viewpoints[-1][1]
     click.echo(
-        f"{target}: {chosen.views} views from u = {first:g} to {last:g} in {chosen.columns} x "
-        f"{chosen.rows} tiles of {chosen.tile[1]} x {chosen.tile[0]} pixels; disparity "
-        f"{scene.zero:.3g} lies in the display's plane, {window.size[1]:.0f} x "
-        f"{window.size[0]:.0f} of {scene.lf.shape[3]} x {scene.lf.shape[2]} pixels of a view are "
-        "shown."
+        f"{target}: {quilt_layout.views} views from u = {first:g} to {last:g} in "
+        f"{quilt_layout.columns} x {quilt_layout.rows} tiles of {quilt_layout.tile[1]} x "
+        f"{quilt_layout.tile[0]} pixels; disparity {scene.zero:.3g} lies in the plane of the "
+        f"display, which shows {window.size[1]:.0f} x {window.size[0]:.0f} of the "
+        f"{scene.lf.shape[3]} x {scene.lf.shape[2]} pixels of a view."
     )
 
 

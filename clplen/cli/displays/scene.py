@@ -1,4 +1,4 @@
-"""What commands for displays share: a light field, its depth, and pictures between its views."""
+"""Light field, depth and intermediate views for the commands for displays."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 Values = np.ndarray[Any, Any]
 
-_FAR = 99  # per cent of the pixels that move less than what is said
+_PERCENTILE = 99  # of the motion between views that triggers the note; ignores outliers of depth
 _FILE = click.Path(path_type=Path)
 
 _DEPTH = (
@@ -29,20 +29,20 @@ _DEPTH = (
         "depth_file",
         metavar="FILE",
         type=_FILE,
-        help="Disparities of the centre view, by 'clplen depth'; default: computed here.",
+        help="Disparity map of the centre view from 'clplen depth'. Default: computed on the fly.",
     ),
     click.option(
         "--zero-parallax",
         "zero",
         metavar="D",
         type=options.FINITE,
-        help="Disparity in the plane of the display; default: the median of the scene.",
+        help="Disparity in the plane of the display. Default: the median of the scene.",
     ),
 )
 
 
 class Width(click.ParamType):
-    """A size in pixels as displays are sold: WIDTHxHEIGHT; (y, x)."""
+    """Size in pixels from WIDTHxHEIGHT, as a pair (y, x)."""
 
     name = "WIDTHxHEIGHT"
 
@@ -54,11 +54,11 @@ class Width(click.ParamType):
             return value
         parts = str(value).lower().replace("\u00d7", "x").split("x")
         if len(parts) != 2 or not all(part.isascii() and part.isdigit() for part in parts):
-            self.fail(f"{value!r} is no {self.name}, for example 3360x3360.", param, ctx)
+            self.fail(f"{value!r} is not {self.name}: give for example 3360x3360.", param, ctx)
         width, height = (int(part) for part in parts)
-        if not (0 < width <= options.LARGEST_SIDE and 0 < height <= options.LARGEST_SIDE):
+        if not (0 < width <= options.MAX_SIDE and 0 < height <= options.MAX_SIDE):
             self.fail(
-                f"{value!r} is out of range: a side has 1 to {options.LARGEST_SIDE:,} pixels.",
+                f"{value!r} is out of range: a side has 1 to {options.MAX_SIDE:,} pixels.",
                 param,
                 ctx,
             )
@@ -66,7 +66,7 @@ class Width(click.ParamType):
 
 
 def depth_options(command: Any) -> Any:
-    """Add the options of a scene's depth."""
+    """Add the options for the depth of a scene."""
     for option in reversed(_DEPTH):
         command = option(command)
     return command
@@ -74,7 +74,7 @@ def depth_options(command: Any) -> Any:
 
 @dataclass(frozen=True)
 class Scene:
-    """A light field, its disparities (y, x), and how its pictures are scaled to 8 bits.
+    """Light field, its disparities (y, x), and the scaling of its pictures to 8 bits.
 
     ``zero`` is the disparity in the plane of the display.
     """
@@ -89,7 +89,7 @@ class Scene:
     def across(
         self, span: float, count: int, *, along: Literal["v", "u"] = "u"
     ) -> list[tuple[float, float]]:
-        """Viewpoints (v, u) of the middle row from left to right, or of the column, downwards."""
+        """Return viewpoints (v, u) along the middle row (rightwards) or column (downwards)."""
         axis = "vu".index(along)
         middle = [(n - 1) / 2 for n in self.lf.shape[:2]]
         ends = span * middle[axis]
@@ -99,13 +99,13 @@ class Scene:
         ]
 
     def shifts(self, viewpoints: list[tuple[float, float]]) -> Values:
-        """Where the depth in the display's plane stands in each, (n, 2) pixels (y, x)."""
+        """Return the shift of the display's plane in each view, (n, 2) pixels (y, x)."""
         from clplen.lightfield.model.between_views import viewpoint_step
 
         return np.stack([viewpoint_step(self.lf, *at) for at in viewpoints]) * self.zero
 
     def pictures(self, viewpoints: list[tuple[float, float]]) -> Iterator[Values]:
-        """uint8 views at the viewpoints."""
+        """Yield the views at the viewpoints as uint8."""
         from clplen.io.formats.animation import toned
         from clplen.lightfield.model.between_views import views_between
 
@@ -121,26 +121,25 @@ class Scene:
         *,
         along: Literal["v", "u"] = "u",
     ) -> None:
-        """Say where neighbouring views differ by more than the display can show as one.
+        """Warn if the depth exceeds the range that the display shows without aliasing.
 
-        A display of many views shows a depth without aliasing while it moves by at most a pixel
-        from view to view (Zwicker et al. 2006, EGSR, 73). It has so many samples across the window
-        along which the viewpoints lie; ``unit`` is what one of them is called.
+        A point may move by at most one display pixel from view to view (Zwicker et al. 2006, EGSR,
+        73). ``samples`` is the number of display pixels across the window, ``unit`` their name.
         """
         from clplen.lightfield.model.between_views import viewpoint_step
 
         steps = np.stack([viewpoint_step(self.lf, *at) for at in viewpoints])
         axis = "vu".index(along)
         step = float(np.abs(np.diff(steps[:, axis])).max()) * samples / window.size[axis]
-        away = np.abs(self.disparity - self.zero)
-        moved = step * float(np.percentile(away, _FAR))
-        if moved <= 1:
+        distances = np.abs(self.disparity - self.zero)
+        motion = step * float(np.percentile(distances, _PERCENTILE))
+        if motion <= 1:
             return
-        share = 100 * float(np.mean(step * away > 1))
+        share = 100 * float(np.mean(step * distances > 1))
         note(
             f"{share:.0f} % of the pixels move by more than 1 {unit} from view to "
-            f"view, up to {step * float(away.max()):.1f}, where the display shows double edges: "
-            "take a smaller part of the baseline, or more views."
+            f"view, by up to {step * float(distances.max()):.1f}, and will show double edges: "
+            "reduce --span, or use more views."
         )
 
 
@@ -157,38 +156,40 @@ def open_scene(
     along: Literal["v", "u"] = "u",
     check: Callable[[LightField], object] | None = None,
 ) -> Scene:
-    """Read a light field and its depth, or compute it.
+    """Read a light field; read or compute its depth.
 
-    ``along`` is the axis along which the viewpoints will lie; ``check`` may refuse the light field
-    before its depth is computed.
+    ``along`` is the axis of the viewpoints. ``check`` may reject the light field before its depth
+    is computed.
     """
     from clplen.io.formats.animation import white_level
     from clplen.lightfield.focus_and_depth import depth_map
 
     check_planes(disparities, alphas)
     if depth_file is not None and (disparities is not None or alphas is not None):
-        raise click.UsageError("--disparities and --alphas are for depth that --disparity gives.")
+        raise click.UsageError(
+            "--disparities and --alphas cannot be combined with --disparity, which gives the depth."
+        )
     lf = read(source, selector, layout)
     V, U = lf.shape[:2]
     if (V, U)["vu".index(along)] < 2:
         lines, way = {"u": ("column", "left to right"), "v": ("row", "top to bottom")}[along]
         raise click.UsageError(
-            f"{source} has one {lines} of views, so that nothing moves from {way}: give a light "
-            f"field of several {lines}s, or --swap-uv where rows are columns."
+            f"{source} has a single {lines} of views and no parallax from {way}: give a light "
+            f"field with several {lines}s, or --swap-uv if rows and columns are exchanged."
         )
     if check is not None:
         check(lf)
     middle = drawable(lf.view((V - 1) / 2, (U - 1) / 2).to_numpy())
     if depth_file is None:
-        found = depth_map(lf, **planes_of(lf, disparities, alphas)).disparity
+        disparity = depth_map(lf, **planes_of(lf, disparities, alphas)).disparity
     else:
-        found = read_map(depth_file, lf)
-    known = np.isfinite(found)
-    if not known.any():
-        raise click.UsageError("The depth map has no disparity: give one by --disparity.")
-    found = np.where(known, found, np.median(found[known]))
+        disparity = read_map(depth_file, lf)
+    valid = np.isfinite(disparity)
+    if not valid.any():
+        raise click.UsageError("The depth map has no finite disparity: give a map by --disparity.")
+    disparity = np.where(valid, disparity, np.median(disparity[valid]))
     srgb = bool(layout["srgb"])
     black, white = tone.limits or (0.0, white_level(middle, lf.dtype, srgb=srgb))
     curve = tone.curve or ("srgb" if srgb else "linear")
-    plane = float(np.median(found)) if zero is None else zero
-    return Scene(lf, found, plane, white, black, curve)
+    plane = float(np.median(disparity)) if zero is None else zero
+    return Scene(lf, disparity, plane, white, black, curve)

@@ -14,26 +14,27 @@ from clplen.cli.shared.pictures import Tone, check_output, tone
 
 @click.command(cls=options.Command)
 @options.source
-@options.output("OUT.png")
+@options.output("OUT.png", "Output picture.")
 @click.option(
     "--kind",
     type=click.Choice(["anaglyph", "side-by-side", "cross-eyed"]),
     default="anaglyph",
     show_default=True,
-    help="Kind of picture: for red-cyan glasses, for parallel eyes, or for crossed ones.",
+    help="Kind of picture: for red-cyan glasses (anaglyph), for parallel viewing (side-by-side) or "
+    "for cross-eyed viewing.",
 )
 @click.option(
     "--colours",
     type=click.Choice(["dubois", "colour", "grey"]),
     default="dubois",
     show_default=True,
-    help="Colours of an anaglyph.",
+    help="Colours of an anaglyph: least-squares method of Dubois, full colour or grey.",
 )
 @click.option(
     "--baseline",
     metavar="STEPS",
     type=click.FloatRange(0, min_open=True),
-    help="Number of view steps between the eyes; default: all that were recorded.",
+    help="Distance of the eyes in view steps. Default: the recorded baseline.",
 )
 @depth_options
 @tone
@@ -55,7 +56,7 @@ def stereo(
     selector: str | None,
     **layout: Any,
 ) -> None:
-    """Make a picture for two eyes: an anaglyph, or both views side by side.
+    """Make a stereo picture: an anaglyph, or two views side by side.
 
     \b
     Example:
@@ -67,15 +68,16 @@ def stereo(
     from clplen.io.displays.stereo import paired
 
     check_output(source, output, layout, (".png",))
-    words = {"depth_file": depth_file, "zero": zero, "disparities": disparities, "alphas": alphas}
-    scene = open_scene(source, selector, layout, Tone(limits, curve), **words)
-    most = scene.lf.shape[1] - 1
-    steps = float(most) if baseline is None else baseline
-    if steps > most:
+    depth = {"depth_file": depth_file, "zero": zero, "disparities": disparities, "alphas": alphas}
+    scene = open_scene(source, selector, layout, Tone(limits, curve), **depth)
+    recorded = scene.lf.shape[1] - 1
+    steps = float(recorded) if baseline is None else baseline
+    if steps > recorded:
         raise click.UsageError(
-            f"--baseline is at most {most} view steps, which were recorded, not {steps:g}."
+            f"--baseline must be at most {recorded} view steps, the recorded baseline, got "
+            f"{steps:g}."
         )
-    eyes = scene.across(steps / most, 2)
+    eyes = scene.across(steps / recorded, 2)
     shifts = scene.shifts(eyes)
     window = display_window(scene.lf.shape[2:4], shifts)
     size = (max(round(window.size[0]), 1), max(round(window.size[1]), 1))

@@ -32,32 +32,34 @@ if TYPE_CHECKING:
 
 _PATH = click.Path(path_type=Path)
 _NAME = "{name}"
-_LEAST_MEMORY = 1 << 20
+MIN_MEMORY = 1 << 20  # bytes; a smaller value is taken as a forgotten unit
 
 
 @click.command()
 @click.argument("frames", metavar="FRAME...", nargs=-1, required=True, type=_PATH)
 @click.option(
     "-c", "--psf", "source", required=True, metavar="PSF.h5", type=_PATH,
-    help="Point images, by 'clplen microscope psf'.",
+    help="Point images from 'clplen microscope psf'.",
 )  # fmt: skip
 @click.option(
     "-o", "--output", required=True, metavar="VOLUME.ome.tif|.ome.zarr", type=_PATH,
-    help="Of several frames with {name} for the name of the frame: out/{name}.ome.tif",
+    help="Output file of the volume or series; {name} stands for the name of each frame, such as "
+    "in out/{name}.ome.tif.",
 )  # fmt: skip
 @click.option(
     "--white", "--radiometry-frame", type=_PATH,
-    help="White frame: lattice and sensitivity; without it frames are rectified already.",
+    help="White frame, which gives the lenslet lattice and the sensitivity of the pixels. Without "
+    "it frames are assumed to be rectified.",
 )  # fmt: skip
-@click.option("--dark", "--dark-frame", type=_PATH, help="Dark frame.")
+@click.option("--dark", "--dark-frame", type=_PATH, help="Dark frame, subtracted from all frames.")
 @setting_options(DeconvolutionSettings)
-@click.option("--warm-start", is_flag=True, help="Same as --start previous.")
+@click.option("--warm-start", is_flag=True, help="Equivalent to --start previous.")
 @setting_options(LatticeSettings)
 @click.option(
     "--preview", metavar="FILE.png", type=_PATH,
-    help="Picture of the latest frame of a series, refocused on three planes.",
+    help="Output picture of the latest frame of a series, refocused on three planes.",
 )  # fmt: skip
-@click.option("--memory", type=options.Size(), help="Bytes for matrices (512MiB, 4GB).")
+@click.option("--memory", type=options.Size(), help="Memory limit of matrices (512MiB, 4GB).")
 @options.force
 @options.device
 def deconvolve(
@@ -71,19 +73,18 @@ def deconvolve(
     memory: int | None,
     force: bool,
     selector: str | None,
-    **given: Any,
+    **settings: Any,
 ) -> None:
-    """Find the volume behind raw frames of a light-field microscope, one each.
+    """Reconstruct a volume from each raw frame of a light-field microscope.
 
-    FRAME is a picture, or a TIFF of a whole time series. Several frames go to one file, which is
-    written while it runs and goes on if it was ended; or, with {name} in the output, to one each
-    (of ts.tif {name} is ts_0000, ts_0001, ...).
+    FRAME is a picture, or a TIFF of a time series. Several frames are written to one file, frame by
+    frame; an interrupted run continues. With {name} in the output each frame has its own file (for
+    ts.tif, {name} is ts_0000, ts_0001, ...).
 
-    The white frame tells the lattice of lenslets, with which frames are rectified, and how
-    sensitive pixels are; frames of a Fourier microscope need none. Each volume is written whole
-    before the next frame begins; those that are there already, of the same frame, words and version
-    of clplen, are not made again. Folders of volumes are made; a file that clplen did not write is
-    replaced with --force only.
+    The white frame gives the lenslet lattice, for rectification, and the sensitivity of the pixels;
+    frames of a Fourier microscope need no white frame. Volumes with equal frame, settings and
+    version of clplen are skipped. Missing output folders are created. Files that clplen did not
+    write are overwritten with --force only.
 
     \b
     Example:
@@ -97,82 +98,91 @@ def deconvolve(
     from clplen.microscopy.series.starts import Start
     from clplen.microscopy.series_files import pages_of, words_of_series
 
-    if memory is not None and memory < _LEAST_MEMORY:
-        raise click.UsageError(f"--memory is at least 1MiB, not {memory} bytes: did you mean 1GB?")
-    if warm_start and given["start"] not in (None, "previous"):
+    if memory is not None and memory < MIN_MEMORY:
         raise click.UsageError(
-            f"--warm-start is --start previous, and --start is {given['start']}."
+            f"--memory must be at least 1MiB, got {memory} bytes: add a unit, such as 1GB."
         )
-    given["start"] = "previous" if warm_start else given["start"]
-    how = take_settings(DeconvolutionSettings, given)
-    of_lattice = take_settings(LatticeSettings, given)
-    how.require_white(white is not None)
-    of_lattice.require_no_white(white is not None)
+    if warm_start and settings["start"] not in (None, "previous"):
+        raise click.UsageError(
+            f"--warm-start means --start previous, but --start is {settings['start']}: leave one "
+            "of them out."
+        )
+    settings["start"] = "previous" if warm_start else settings["start"]
+    deconvolution = take_settings(DeconvolutionSettings, settings)
+    lattice_settings = take_settings(LatticeSettings, settings)
+    deconvolution.require_white(white is not None)
+    lattice_settings.require_no_white(white is not None)
     pages = [page for path in frames for page in pages_of(path)]
-    in_one = len(pages) > 1 and _NAME not in str(output)
-    if not in_one:
-        how.require_series(False, in_turn=True)
+    is_single_file = len(pages) > 1 and _NAME not in str(output)
+    if not is_single_file:
+        deconvolution.require_series(False, in_turn=True)
         if preview is not None:
             raise click.UsageError(
-                "--preview is of a series in one file: give several frames, and an output without "
+                "--preview needs a series in one file: give several frames, and an output without "
                 f"{_NAME}."
             )
-    if how.start == "previous":
+    if deconvolution.start == "previous":
         note(
-            "what moves leaves a trail in the volume of the next frame: --start limited, or none "
-            "where places of small things matter."
+            "moving objects leave a trail in the volume of the next frame: use --start limited, or "
+            "none where positions of small objects matter."
         )
-    beside = (source, white, dark, of_lattice.lattice, of_lattice.mask)
-    others = [Path(path) for path in beside if path is not None]
-    if in_one:
+    inputs = (source, white, dark, lattice_settings.lattice, lattice_settings.mask)
+    others = [Path(path) for path in inputs if path is not None]
+    if is_single_file:
         series_file.check(output, preview, pages, others, force)
     else:
         outputs = _outputs(pages, output, others, force)
     lattice = None
-    if of_lattice.has_lattice:
+    if lattice_settings.has_lattice:
         first = read_picture(pages[0].path, pages[0].number)
-        lattice = of_lattice.of_frame((first.shape[0], first.shape[1]), pages[0].path)
+        lattice = lattice_settings.of_frame((first.shape[0], first.shape[1]), pages[0].path)
     images = read_psf(source)
     if preview is not None and not isinstance(images, PointImages):
-        raise click.UsageError("--preview refocuses lenslets: a Fourier microscope has none there.")
+        raise click.UsageError("--preview does not support Fourier microscopes: leave it out.")
     if preview is not None and "sensor_pixels" in images.parameters:
-        raise click.UsageError("--preview is of rectified frames: make point images of them.")
-    begin = Start(how.start, images, motion=how.motion)
+        raise click.UsageError(
+            "--preview needs rectified frames: make point images of rectified frames with 'clplen "
+            "microscope psf'."
+        )
+    begin = Start(deconvolution.start, images, motion=deconvolution.motion)
     files: dict[str, Any] = {"white": white, "dark": dark}
-    files |= {"mask": of_lattice.mask, "lattice": lattice}
-    opened = partial(_opened, images, how, selector, memory=memory, force=force, **files)
-    shared = provenance(images, how, **files)
-    if in_one:
-        words = words_of_series(pages, shared, begin.words, how.rolling)
-        asked = series_file.Asked(output, pages, how.batch, preview, force)
-        series_file.write(asked, words, opened)
+    files |= {"mask": lattice_settings.mask, "lattice": lattice}
+    open_series = partial(
+        _open, images, deconvolution, selector, memory=memory, force=force, **files
+    )
+    shared = provenance(images, deconvolution, **files)
+    if is_single_file:
+        series_settings = words_of_series(pages, shared, begin.words, deconvolution.rolling)
+        request = series_file.SeriesRequest(output, pages, deconvolution.batch, preview, force)
+        series_file.write(request, series_settings, open_series)
         return
     jobs = _jobs(pages, shared, begin)
     todo = [not _is_done(out, job) for out, job in zip(outputs, jobs, strict=True)]
-    for out in (out for out, wanted in zip(outputs, todo, strict=True) if not wanted):
-        click.echo(f"{out} is there already, of the same frame and words.")
+    for out in (out for out, is_due in zip(outputs, todo, strict=True) if not is_due):
+        click.echo(f"{out} is up to date.")
     if not any(todo):
         return
-    series, before = opened(), None
+    series, before = open_series(), None
     checks = series.checks()
     for text in checks:
         note(text)
-    for page, out, job, wanted in zip(pages, outputs, jobs, todo, strict=True):
-        if wanted:
-            click.echo(_made(series, page, out, job, checks, before if how.start else None))
+    for page, out, job, is_due in zip(pages, outputs, jobs, todo, strict=True):
+        if is_due:
+            start = before if deconvolution.start else None
+            click.echo(_write_volume(series, page, out, job, checks, start))
         before = out
 
 
-def _opened(
-    images: AnyImages, how: DeconvolutionSettings, selector: str | None, **files: Any
+def _open(
+    images: AnyImages, settings: DeconvolutionSettings, selector: str | None, **files: Any
 ) -> Deconvolver:
-    """What all frames share, on the device."""
+    """Open the device, and prepare the deconvolution of all frames."""
     from clplen.microscopy.pipeline import Deconvolver
 
-    return Deconvolver(images, how, device=open_device(selector), **files)
+    return Deconvolver(images, settings, device=open_device(selector), **files)
 
 
-def _made(
+def _write_volume(
     series: Deconvolver,
     page: Page,
     output: Path,
@@ -180,7 +190,7 @@ def _made(
     checks: list[str],
     before: Path | None,
 ) -> str:
-    """Write the volume of a frame; what it holds, in words."""
+    """Write the volume of a frame, and return a summary."""
     from clplen.files import naming
     from clplen.io.results.volume_files import read_volume
     from clplen.microscopy.deconvolution_files import read_picture, write_result
@@ -188,60 +198,62 @@ def _made(
     picture = read_picture(page.path, page.number)
     with naming(str(page)), progress_bar(series.how.iterations, "iteration") as bar:
         frame = series.prepared(picture)
-        said = series.diagnose(frame)
-        _tell(page, said)
+        remarks = series.diagnose(frame)
+        _note_remarks(page, remarks)
         bar.set_description(page.name)
-        found = series(
+        result = series(
             frame,
             start=None if before is None else read_volume(before)[0],
             progress=lambda done, total: update_bar(bar, done, total),
             watch=lambda now: bar.set_postfix_str(f"residual {float(now[0]):.3g}"),
         )
-    judged = series.diagnose(frame, found)
-    _tell(page, judged)
-    more = {"remarks": checks + said + judged, "place": series.place(), "job": job}
-    write_result(output, found, series.images, more=more, replace=True)
-    size = " x ".join(str(n) for n in found.volume.shape)
+    result_remarks = series.diagnose(frame, result)
+    _note_remarks(page, result_remarks)
+    metadata = {"remarks": checks + remarks + result_remarks, "place": series.place(), "job": job}
+    write_result(output, result, series.images, more=metadata, replace=True)
+    size = " x ".join(str(n) for n in result.volume.shape)
     text = f"{output} holds {size} voxels (z, y, x) of {series.images.side * 1e6:.4g} um "
-    text += f"along y and x; residual {found.residuals[-1]:.3g} after {found.iterations} iterations"
-    if found.degenerate:
-        ends = {f"{end * 1e6 + 0.0:.6g}": None for end in sorted(found.degenerate)}
+    text += (
+        f"along y and x; residual {result.residuals[-1]:.3g} after {result.iterations} iterations"
+    )
+    if result.degenerate:
+        ends = {f"{end * 1e6 + 0.0:.6g}": None for end in sorted(result.degenerate)}
         first, last = next(iter(ends)), next(reversed(ends))
         text += "; near the native plane, "
         text += f"z = {first}" + (f" to {last}" if last != first else "")
-        text += " um, nothing finer than a lenslet is resolved"
+        text += " um, details finer than a lenslet are not resolved"
     return text + "."
 
 
 def _outputs(pages: list[Page], output: Path, others: list[Path], force: bool) -> list[Path]:
-    """A file for each frame, none of them one that is read or that clplen did not write."""
+    """Return an output file for each frame; reject inputs and files of other programs."""
     from clplen.files import check_folder
     from clplen.io.store.zarr_files import zarr_package
 
     check_suffix(output, (".tif", ".tiff", ".zarr"))
-    made = [Path(str(output).replace(_NAME, page.name)) for page in pages]
-    doubled = sorted({str(out) for out in made if made.count(out) > 1})
-    if doubled:
-        raise click.UsageError(f"Two frames would be written to {doubled[0]}: rename one.")
+    paths = [Path(str(output).replace(_NAME, page.name)) for page in pages]
+    duplicates = sorted({str(out) for out in paths if paths.count(out) > 1})
+    if duplicates:
+        raise click.UsageError(f"Two frames have the output {duplicates[0]}: rename one of them.")
     if output.suffix.lower() == ".zarr":
         zarr_package("write .ome.tif")
     read = [*{page.path for page in pages}, *others]
-    for out in made:
+    for out in paths:
         check_folder(out.parent)
         check_output(out, force, read)
-    return made
+    return paths
 
 
-def _jobs(pages: list[Page], shared: dict[str, Any], begin: Start) -> list[dict[str, Any]]:
-    """What each volume depends on, kept with it."""
+def _jobs(pages: list[Page], shared: dict[str, Any], start: Start) -> list[dict[str, Any]]:
+    """Return the inputs and settings of each volume, to be stored with it."""
     from clplen.io.store.digest import digest
 
     digests = {path: digest(path) for path in {page.path for page in pages}}
-    jobs = [{"frame": digests[one.path], "number": one.number, **shared} for one in pages]
-    if begin.name:
+    jobs = [{"frame": digests[page.path], "number": page.number, **shared} for page in pages]
+    if start.name:
         for earlier, later in pairwise(jobs):
-            if begin.name != "previous":
-                later["begin"] = begin.words
+            if start.name != "previous":
+                later["begin"] = start.words
             later["start"] = sha256(json.dumps(earlier, sort_keys=True).encode()).hexdigest()
     return jobs
 
@@ -252,6 +264,6 @@ def _is_done(output: Path, job: dict[str, Any]) -> bool:
     return output.exists() and describe_series(output).get("job") == job
 
 
-def _tell(page: Page, remarks: list[str]) -> None:
+def _note_remarks(page: Page, remarks: list[str]) -> None:
     for text in remarks:
         note(f"{page}: {text}")

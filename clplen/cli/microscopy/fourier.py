@@ -1,4 +1,4 @@
-"""What ``clplen microscope`` does for Fourier microscopes."""
+"""Fourier microscopes in ``clplen microscope`` and ``clplen info``."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from clplen.cameras import FourierMicroscope
     from clplen.compute.device import Device
 
-OF_ANOTHER = ("binning", "half")  # options of microscopes with lenslets on the native image
+UNSUPPORTED_OPTIONS = ("binning", "half")  # for microscopes with lenslets on the native image only
 
 
-def print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
-    """Print a commented camera file, and stop."""
-    if wanted:
+def print_example(ctx: click.Context, _: click.Parameter, is_set: bool) -> None:
+    """Print a commented camera file, and exit."""
+    if is_set:
         from clplen.config.fourier_microscope import EXAMPLE
 
         click.echo(EXAMPLE, nl=False)
@@ -36,15 +36,15 @@ def simulate(
     force: bool,
     selector: str | None,
 ) -> None:
-    """Point images of a camera file, kept in ``output``."""
+    """Compute or measure the point images of a camera file, and write them to ``output``."""
     from clplen.config.fourier_microscope import read_fourier_file
     from clplen.microscopy.fourier.fourier_psf import CUT, fourier_point_images
 
-    for name in OF_ANOTHER:
+    for name in UNSUPPORTED_OPTIONS:
         if sampling[name]:
             raise click.UsageError(
-                f"--{name} is of microscopes with lenslets on the native image; {path} is of a "
-                "Fourier microscope, whose pixels integrate and whose images are small."
+                f"--{name} applies to microscopes with lenslets on the native image, but {path} is "
+                "a Fourier microscope: leave it out."
             )
     check_output(output, force, [path, *filter(None, [sampling["beads"]])])
     file = read_fourier_file(path)
@@ -53,11 +53,11 @@ def simulate(
     deep = abs(z).max()
     if 2 * deep > 2 * camera.depth_of_field:
         note(
-            f"planes reach {deep * 1e6:.4g} um from the focal plane, and sub-images are sharp "
-            f"within {camera.depth_of_field / 2e-6:.3g} um of it."
+            f"planes reach {deep * 1e6:.4g} um from the focal plane, but sub-images are sharp "
+            f"only within {camera.depth_of_field / 2e-6:.3g} um of it."
         )
     if sampling["beads"]:
-        _measured(camera, sampling["beads"], z, output)
+        _measure(camera, sampling["beads"], z, output)
         return
     with progress_bar(len(z), "plane") as bar:
         images = fourier_point_images(
@@ -68,15 +68,15 @@ def simulate(
             path=output,
             progress=lambda done, total: update_bar(bar, done, total),
         )
-    kept = min(images.kept(plane) for plane in range(len(z)))
+    light = min(images.kept(plane) for plane in range(len(z)))
     click.echo(
-        f"{output} holds {images!r}; they keep {kept:.2%} of the light of the pupil, the rest "
-        "falls between lenslets, and up to the cut beyond their images."
+        f"{output} holds {images!r}; they contain {light:.2%} of the light of the pupil, the rest "
+        "falls between lenslets or beyond the point images (--cut)."
     )
 
 
-def _measured(camera: FourierMicroscope, path: Path, z: Any, output: Path) -> None:
-    """Measured point images, kept in ``output``."""
+def _measure(camera: FourierMicroscope, path: Path, z: Any, output: Path) -> None:
+    """Measure point images on frames of a bead, and write them to ``output``."""
     from clplen.files import naming
     from clplen.io.formats.tiff import frames_in
     from clplen.microscopy.deconvolution_files import read_picture
@@ -85,31 +85,37 @@ def _measured(camera: FourierMicroscope, path: Path, z: Any, output: Path) -> No
 
     count = frames_in(path)
     if count != len(z):
-        raise click.ClickException(f"{path} has {count} frames, and there are {len(z)} planes.")
+        raise click.ClickException(
+            f"{path} must have a frame for each of the {len(z)} planes, got {count} frames."
+        )
     stack = np.stack([read_picture(path, number if count > 1 else None) for number in range(count)])
     with naming(str(path)):
         if stack.shape[1:] == camera.grid.shape:
             stack = _repaired(camera, stack, z)
-        found = measure_point_images(camera, stack, z)
-    write_point_images(output, found.images)
-    y, x = found.places.mean(axis=0) * 1e6
+        measurement = measure_point_images(camera, stack, z)
+    write_point_images(output, measurement.images)
+    y, x = measurement.places.mean(axis=0) * 1e6
     click.echo(
-        f"{output} holds {found.images!r}, measured; the z given lie {found.offset * 1e6:+.3g} um "
-        f"beyond those of the bead, which is {y:+.3g} um down and {x:+.3g} um right of the axis; "
-        f"sub-images lie where rays put them within {found.error:.3g} pixels (rms)."
+        f"{output} holds {measurement.images!r}, measured. The given z exceed the z of the bead by "
+        f"{measurement.offset * 1e6:+.3g} um; the bead lies {y:+.3g} um down and {x:+.3g} um right "
+        "of the axis. Sub-images deviate from the ray model by "
+        f"{measurement.error:.3g} pixels (rms)."
     )
 
 
 def _repaired(camera: FourierMicroscope, stack: Any, z: Any) -> Any:
-    """The stack without pixels that stand out more than light of the parameters does."""
+    """Replace hot pixels, which are sharper than any light of the microscope."""
     from clplen.microscopy.fourier.fourier_psf import fourier_point_images
     from clplen.microscopy.frames.outliers import without_hot_pixels
     from clplen.microscopy.frames.sharpness import chosen_planes, sharpness
 
-    some = np.asarray(z)[chosen_planes(len(z))]
-    frames, hot = without_hot_pixels(stack, sharpness(fourier_point_images(camera, some)))
+    subset = np.asarray(z)[chosen_planes(len(z))]
+    frames, hot = without_hot_pixels(stack, sharpness(fourier_point_images(camera, subset)))
     if hot:
-        note(f"{hot:,} hot pixels in {len(stack)} frames are replaced by the median around them.")
+        note(
+            f"{hot:,} hot pixels in {len(stack)} frames are replaced by the median of their "
+            "neighbours."
+        )
     return frames
 
 
@@ -117,48 +123,49 @@ Rows = list[tuple[str, str]]
 
 
 def info_of_parameters(source: Path, device: Device) -> tuple[Rows, dict[str, Any]]:
-    """What follows from a camera file of a Fourier microscope, for ``clplen info``."""
+    """Return the quantities derived from a file of a Fourier microscope, for ``clplen info``."""
     from clplen.config.fourier_microscope import read_fourier_file
 
     file, kind = read_fourier_file(source), "parameters of a Fourier light-field microscope"
-    known = file.camera.build(device).describe()
-    asked = {"slices": file.slices, "um_per_slice": file.um_per_slice, "voxels": file.voxels}
-    rows = [("File", f"{source}, {kind}"), ("Camera", known.title)]
-    rows += [("", line) for line in str(known).splitlines()[1:]]
-    rows += [(name.replace("_", " ").capitalize(), f"{value:g}") for name, value in asked.items()
+    description = file.camera.build(device).describe()
+    counts = {"slices": file.slices, "um_per_slice": file.um_per_slice, "voxels": file.voxels}
+    rows = [("File", f"{source}, {kind}"), ("Camera", description.title)]
+    rows += [("", line) for line in str(description).splitlines()[1:]]
+    rows += [(name.replace("_", " ").capitalize(), f"{value:g}") for name, value in counts.items()
              if value is not None]  # fmt: skip
-    lengths = {row.name: row.value for row in known.rows}
-    return rows, {"file": source, "kind": kind, "camera": lengths, **asked}
+    lengths = {row.name: row.value for row in description.rows}
+    return rows, {"file": source, "kind": kind, "camera": lengths, **counts}
 
 
 def point_images(source: Path) -> tuple[dict[str, Any], list[tuple[int, ...]]] | None:
-    """Return what a file's Fourier point images were made with; None if it is something else."""
+    """Read the parameters and shapes of Fourier point images; return None for other files."""
     from clplen.microscopy.model.point_image_files import read_parameters
 
-    known = read_parameters(source) if source.suffix.lower() in (".h5", ".hdf5") else None
-    return known if known is not None and "voxels_per_pixel" in known[0] else None
+    content = read_parameters(source) if source.suffix.lower() in (".h5", ".hdf5") else None
+    return content if content is not None and "voxels_per_pixel" in content[0] else None
 
 
 def info_of_point_images(
-    source: Path, known: dict[str, Any], shapes: list[tuple[int, ...]]
+    source: Path, parameters: dict[str, Any], shapes: list[tuple[int, ...]]
 ) -> tuple[Rows, dict[str, Any]]:
-    """Of point images of a Fourier microscope, for ``clplen info``."""
+    """Return the rows and data of Fourier point images, for ``clplen info``."""
     kind = "point images of a Fourier light-field microscope"
-    planes = ", ".join(f"{z * 1e6:g}" for z in known["planes"])
-    scale = known["magnification"] * known["sensor_distance"] / known["relay"]
-    b, count = known["voxels_per_pixel"], len(known["lenslet_positions"])
-    side = known["pixel_pitch"] / scale / b
-    ny, nx = known["sensor"]
+    planes = ", ".join(f"{z * 1e6:g}" for z in parameters["planes"])
+    scale = parameters["magnification"] * parameters["sensor_distance"] / parameters["relay"]
+    b, count = parameters["voxels_per_pixel"], len(parameters["lenslet_positions"])
+    side = parameters["pixel_pitch"] / scale / b
+    ny, nx = parameters["sensor"]
     rows = [
-        ("File", f"{source}, {kind}, {known['source']}"),
-        ("Objective", f"{known['magnification']:g}x/{known['na']:g} in index "
-            f"{known['medium_index']:g}, {known['wavelength'] * 1e9:g} nm"),
-        ("Relay", f"{known['relay'] * 1e3:g} mm, field stop {known['field_stop'] * 1e3:.4g} mm"),
-        ("Lenslets", f"{count}, {shapes[0][1]} with light, {known['lenslet_fill']}, "
-            f"{known['lenslet_diameter'] * 1e6:g} um"),
-        ("Sensor", f"{ny} x {nx} pixels of {known['pixel_pitch'] * 1e6:g} um"),
-        ("Voxels", f"{b} x {b} a pixel, {side * 1e6:.4g} um apart"),
+        ("File", f"{source}, {kind}, {parameters['source']}"),
+        ("Objective", f"{parameters['magnification']:g}x/{parameters['na']:g} in index "
+            f"{parameters['medium_index']:g}, {parameters['wavelength'] * 1e9:g} nm"),
+        ("Relay", f"{parameters['relay'] * 1e3:g} mm, field stop "
+            f"{parameters['field_stop'] * 1e3:.4g} mm"),
+        ("Lenslets", f"{count}, {shapes[0][1]} with light, {parameters['lenslet_fill']}, "
+            f"{parameters['lenslet_diameter'] * 1e6:g} um"),
+        ("Sensor", f"{ny} x {nx} pixels of {parameters['pixel_pitch'] * 1e6:g} um"),
+        ("Voxels", f"{b} x {b} per pixel, {side * 1e6:.4g} um apart"),
         ("Planes", f"{len(shapes)}, z = {planes} um; farther from the objective positive"),
         ("Images", f"of {', '.join(str(shape[2]) for shape in shapes)} pixels across"),
     ]  # fmt: skip
-    return rows, {"file": source, "kind": kind, **known, "shapes": shapes}
+    return rows, {"file": source, "kind": kind, **parameters, "shapes": shapes}

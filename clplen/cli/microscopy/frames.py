@@ -1,4 +1,4 @@
-"""Frames on the command line: files, and their lattices, told or checked before any work."""
+"""Checks of frames and their lattices before point images are computed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def check_frames(file: MicroscopeFile, frame: Path | None, white: Path | None, force: bool) -> None:
-    """Refuse frames that point images of this file will not fit, before these are made."""
+    """Raise an error if a frame does not fit the point images of a microscope file."""
     from clplen.microscopy.deconvolution_files import read_picture
     from clplen.microscopy.series_files import pages_of
 
@@ -28,11 +28,12 @@ def check_frames(file: MicroscopeFile, frame: Path | None, white: Path | None, f
         if picture is not None and any(size % n for size in picture.shape):
             ny, nx = picture.shape
             fitting = [k for k in range(max(3, n - 3), n + 4) if ny % k == 0 and nx % k == 0]
-            more = f" {fitting[0]} would divide it: --pixels {fitting[0]}." if fitting else ""
+            more = f" --pixels {fitting[0]} divides it." if fitting else ""
             raise click.ClickException(
-                f"{frame} has {ny} x {nx} pixels, no whole number of lenslets of {n} x {n} "
-                f"({file.pixels:.6g} by the parameters).{more} Frames that are not rectified need "
-                "a white frame (--white), or a lattice for 'clplen microscope deconvolve'."
+                f"{frame} must have a whole number of lenslets of {n} x {n} pixels "
+                f"({file.pixels:.6g} by the parameters), got {ny} x {nx} pixels.{more} Frames that "
+                "are not rectified need a white frame (--white), or --lattice in 'clplen "
+                "microscope deconvolve'."
             )
         return
     _check_white(file, n, white, None if picture is None else picture.shape, force)
@@ -41,7 +42,7 @@ def check_frames(file: MicroscopeFile, frame: Path | None, white: Path | None, f
 def _check_white(
     file: MicroscopeFile, n: int, white: Path, shape: tuple[int, ...] | None, force: bool
 ) -> None:
-    """Refuse a white frame of another camera, and say where the pitch is another."""
+    """Raise an error if a white frame is from another camera; note a deviating pitch."""
     from clplen.lightfield.calibration.lattice_trust import lattice_of_white
     from clplen.microscopy.deconvolution_files import read_picture
     from clplen.microscopy.frames.given_lattice import pitch_sentence
@@ -50,14 +51,14 @@ def _check_white(
     level = read_picture(white)
     if shape is not None and level.shape != shape:
         raise click.ClickException(
-            f"The white frame {white} has shape {level.shape}, the frame {shape}: give that of the "
-            "same camera and crop."
+            f"The white frame {white} has shape {level.shape}, the frame {shape}: give a white "
+            "frame of equal camera and crop."
         )
     lattice = lattice_of_white(level, white, kind="square", pitch=n, force=force)
     if n < LEAST * max(lattice.pitch):
         raise click.ClickException(
-            f"{white} has lenslets {max(lattice.pitch):.5g} pixels apart, the point images would "
-            f"have {n}: give --pixels {math.ceil(max(lattice.pitch))}."
+            f"{white} has lenslets {max(lattice.pitch):.5g} pixels apart, but the point images "
+            f"have {n} pixels per lenslet: give --pixels {math.ceil(max(lattice.pitch))}."
         )
     sentence = pitch_sentence(lattice, file.pixels)
     if sentence is not None:

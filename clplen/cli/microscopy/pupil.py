@@ -1,4 +1,4 @@
-"""``clplen microscope pupil``: aberrations of a microscope from its own frames."""
+"""``clplen microscope pupil``: estimate the aberrations of a microscope from a frame."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from clplen.microscopy.pupil.pupil_fit import PupilFit
 
 _PATH = click.Path(path_type=Path)
-VOXELS, CUT = 3, 0.02  # of the point images that tell hot pixels: few, and their bright part
+VOXELS, CUT = 3, 0.02  # sampling of the coarse point images for the detection of hot pixels
 _NAMES = {
     5: "astigmatism, oblique", 6: "astigmatism", 7: "coma along y", 8: "coma along x",
     9: "trefoil", 10: "trefoil, oblique", 11: "spherical aberration",
@@ -40,28 +40,33 @@ _KEY = re.compile(r"^\s*pupil_nm\s*=.*$", re.MULTILINE)
 @click.argument("frame", metavar="FRAME", type=_PATH)
 @click.option(
     "-c", "--camera", "source", required=True, metavar="CAMERA.toml", type=_PATH,
-    help="Parameters of the microscope, as of psf; its pupil_nm is where the fit begins.",
+    help="Camera file of the microscope, as for psf; the fit starts from its pupil_nm.",
 )  # fmt: skip
 @click.option("-o", "--output", metavar="PUPIL.toml", type=_PATH,
-              help="The same parameters with the pupil that was found, for psf.")  # fmt: skip
+              help="Output camera file with the estimated pupil, for psf.")  # fmt: skip
 @click.option(
     "--planes-um", type=options.Planes(), required=True,
-    help="z of the planes of the volume, or that beads are looked for on; few do.",
+    help="z of the planes of the volume, or of the search for beads, in micrometres. A few planes "
+    "suffice.",
 )  # fmt: skip
-@click.option("--beads", is_flag=True, help="The frame is one of beads: fit each of them.")
+@click.option("--beads", is_flag=True, help="Fit the beads in a frame of isolated beads.")
 @click.option(
     "--terms", default="5,6,7,8,9,10,11", show_default=True,
     type=Numbers("j,j,...", "5,6,7,8,11", tuple(range(1, 100)), of=" of Noll's indices", kind=int),
     help="Noll's indices to fit, from 5 on.",
 )  # fmt: skip
-@click.option("--white", type=_PATH, help="White frame; without it the frame is rectified already.")
-@click.option("--dark", type=_PATH, help="Dark frame.")
+@click.option(
+    "--white", type=_PATH, help="White frame. Without it the frame is assumed to be rectified."
+)
+@click.option("--dark", type=_PATH, help="Dark frame, subtracted from the frame.")
 @setting_options(LatticeSettings, "mask")
 @setting_options(DeconvolutionSettings, "gain", "haze", "keep_hot")
 @click.option("--voxels", type=click.IntRange(1), default=3, show_default=True,
-              help="Of a lenslet along an axis.")  # fmt: skip
-@click.option("--binning", type=click.IntRange(1), help="As of psf.")
-@click.option("--steps", type=click.IntRange(1), default=3, show_default=True, help="At most.")
+              help="Number of voxels per lenslet along each axis.")  # fmt: skip
+@click.option("--binning", type=click.IntRange(1),
+              help="Number of simulated samples per pixel along each axis.")  # fmt: skip
+@click.option("--steps", type=click.IntRange(1), default=3, show_default=True,
+              help="Maximum number of fit steps.")  # fmt: skip
 @options.force
 @options.device
 def pupil(
@@ -83,11 +88,11 @@ def pupil(
     force: bool,
     selector: str | None,
 ) -> None:
-    """Find the aberrations of objective and sample from a frame of beads or of anything.
+    """Estimate the aberrations of objective and sample from a frame of beads or any sample.
 
-    Printed are Zernike coefficients in nm of path, rms over the pupil, with their standard errors
-    by photon noise, and the residual before and after. PUPIL.toml goes to psf in place of
-    CAMERA.toml.
+    The command prints Zernike coefficients in nm of optical path (rms over the pupil), their
+    standard errors by photon noise, and the residual before and after the fit. Pass PUPIL.toml to
+    psf instead of CAMERA.toml.
 
     \b
     Example:
@@ -102,62 +107,62 @@ def pupil(
 
     DeconvolutionSettings(haze=haze).require_white(white is not None)
     if gain is None:
-        note("each count is taken as a photon, which the standard errors depend on: give --gain.")
+        note("the standard errors assume one photon per count: give --gain.")
     if output is not None:
         check_suffix(output, (".toml",))
         check_output(output, force, [path for path in (frame, source, white, dark, mask) if path])
     file = read_microscope_file(source, binning=binning)
     if not file.rectified:
         raise click.ClickException(
-            f"The lenslets of {source} are {_lenslets(file)}, whose frames are not rectified, and "
-            "a pupil is fitted to rectified frames alone: give a square array of one focal length, "
-            "or write a pupil that is known as pupil_nm."
+            f"A pupil can be fitted to rectified frames only, but the lenslets of {source} are "
+            f"{_lenslets(file)}: use a square array of one focal length, or set pupil_nm in the "
+            "camera file."
         )
-    if file.binning < file.least:
+    if file.binning < file.min_binning:
         raise click.UsageError(
-            f"--binning {file.binning} does not sample the light, which takes at least "
-            f"{file.least} x {file.least} parts of a pixel: leave it out."
+            f"--binning must be at least {file.min_binning} to sample the light, got "
+            f"{file.binning}: leave it out."
         )
     text = None if output is None else source.read_text(encoding="utf-8")
     picture = read_picture(frame)
     camera: Any = file.camera.build(open_device(selector))
     n = round(camera.pixels_per_lenslet) // file.binning
-    beside: dict[str, Any] = {
+    frames: dict[str, Any] = {
         name: read_picture(path)
         for name, path in (("white", white), ("dark", dark), ("mask", mask))
         if path
     }
     z = np.sort(planes_um) / 1e6
     if not keep_hot:
-        beside["sharpest"] = _sharpness(camera, z, file.binning)
+        frames["sharpest"] = _sharpness(camera, z, file.binning)
     with naming(str(white or mask or frame)):
-        prepare = preparation(n, device=camera.device, force=force, **beside)
+        prepare = preparation(n, device=camera.device, force=force, **frames)
     with naming(str(frame)):
-        seen = prepare(picture)
-    if seen.hot:
-        note(f"{seen.hot:,} hot pixels, which stand out as no light does, are left out.")
-    of_what: dict[str, Any] = {"beads": "find"} if beads else {"steps": steps}
+        prepared = prepare(picture)
+    if prepared.hot:
+        note(f"{prepared.hot:,} hot pixels are ignored; --keep-hot uses them.")
+    method_settings: dict[str, Any] = {"beads": "find"} if beads else {"steps": steps}
     with progress_bar(0, "plane") as bar:
-        found = fit_pupil(
-            seen.counts,
+        fit = fit_pupil(
+            prepared.counts,
             camera,
             planes=z,
             voxels_per_lenslet=voxels,
-            white=seen.white,
-            background=prepare.haze(seen.counts, seen.white) if haze else 0.0,
+            white=prepared.white,
+            background=prepare.haze(prepared.counts, prepared.white) if haze else 0.0,
             binning=file.binning,
             terms=terms,
             gain=gain or 1.0,
             variance=prepare.variance,
             progress=lambda done, total: update_bar(bar, done, total),
-            **of_what,
+            **method_settings,
         )
-    _tell(found)
+    _print_result(fit)
     if output is not None:
         assert text is not None
         with replacing(output) as temporary:
-            temporary.write_text(with_pupil(text, found, source), encoding="utf-8")
-        click.echo(f"{output} holds the parameters with this pupil.")
+            temporary.write_text(with_pupil(text, fit, source), encoding="utf-8")
+        click.echo(f"{output} holds the camera file with this pupil.")
 
 
 def _lenslets(file: MicroscopeFile) -> str:
@@ -167,34 +172,36 @@ def _lenslets(file: MicroscopeFile) -> str:
 
 
 def _sharpness(camera: Any, z: Any, binning: int) -> tuple[float, float, float]:
-    """How far light of the parameters stands out of the pixels around it."""
+    """Return the sharpness of point images, the limit above which pixels are hot."""
     from clplen.microscopy.frames.sharpness import chosen_planes, sharpness
     from clplen.microscopy.model.psf import point_images
 
-    how: dict[str, Any] = {"binning": binning, "voxels_per_lenslet": VOXELS, "cut": CUT}
-    return sharpness(point_images(camera, z[chosen_planes(len(z))], **how))
+    settings: dict[str, Any] = {"binning": binning, "voxels_per_lenslet": VOXELS, "cut": CUT}
+    return sharpness(point_images(camera, z[chosen_planes(len(z))], **settings))
 
 
-def _tell(found: PupilFit) -> None:
-    if found.positions is not None:
-        click.echo(f"{len(found.positions)} beads")
+def _print_result(fit: PupilFit) -> None:
+    if fit.positions is not None:
+        click.echo(f"{len(fit.positions)} beads")
     click.echo("term   nm of path, rms")
-    for j, c, error in zip(found.terms, found.coefficients, found.errors, strict=True):
+    for j, c, error in zip(fit.terms, fit.coefficients, fit.errors, strict=True):
         click.echo(f"{j:4} {c * 1e9:8.1f} +- {error * 1e9:<6.1f} {_NAMES.get(j, '')}".rstrip())
     click.echo(
-        f"{found.pupil.rms * 1e9:.1f} nm rms in all; residual {found.residuals[0]:.4g} before, "
-        f"{found.residuals[-1]:.4g} after; chi2 {found.chi2:.3g} (photon noise alone: 1)."
+        f"{fit.pupil.rms * 1e9:.1f} nm rms in total; residual {fit.residuals[0]:.4g} before, "
+        f"{fit.residuals[-1]:.4g} after the fit; reduced chi2 {fit.chi2:.3g} (photon noise "
+        "alone: 1)."
     )
 
 
-def with_pupil(text: str, found: PupilFit, source: Path) -> str:
-    """A camera file with the pupil that was found in place of its own."""
-    terms = ", ".join(f"{j} = {c * 1e9:.3f}" for j, c in found.pupil.terms)
+def with_pupil(text: str, fit: PupilFit, source: Path) -> str:
+    """Return the text of a camera file with the estimated pupil."""
+    terms = ", ".join(f"{j} = {c * 1e9:.3f}" for j, c in fit.pupil.terms)
     line = f"pupil_nm = {{ {terms} }}  # Noll's index to nm of path, rms over the pupil\n"
     text = _KEY.sub("", text)
     if re.search(r"pupil_nm\s*\]", text):
         raise click.ClickException(
-            f"{source} has its pupil as a table of its own: write it as pupil_nm = {{ 6 = 30.0 }}."
+            f"{source} has pupil_nm as a separate table: write it inline, as pupil_nm = {{ 6 = "
+            "30.0 }}."
         )
     table = re.search(r"^\s*\[camera\].*\n", text, re.MULTILINE)
     at = table.end() if table else 0

@@ -1,4 +1,4 @@
-"""A series of frames to one file of volumes, which grows while it runs and goes on when ended."""
+"""Deconvolution of a series into one growing file of volumes that an interrupted run resumes."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Asked:
-    """What the command line asks for."""
+class SeriesRequest:
+    """Output, frames and settings of a series."""
 
     output: Path
     pages: list[Page]  # frames, in order
-    batch: int | None  # frames that are found together
+    batch: int | None  # number of frames reconstructed together
     preview: Path | None  # PNG of the latest frame
-    force: bool  # whether a series of other settings may go
+    force: bool  # True to overwrite a series of other settings
 
 
 def check(
     output: Path, preview: Path | None, pages: list[Page], others: list[Path], force: bool
 ) -> None:
-    """Refuse outputs that cannot be written, before anything is computed for them."""
+    """Reject outputs that cannot be written, before any computation."""
     from clplen.files import check_folder
     from clplen.io.store.zarr_files import zarr_package
 
@@ -53,68 +53,73 @@ def check(
         check_output(preview, force, read)
 
 
-def write(asked: Asked, words: dict[str, Any], opened: Callable[[], Deconvolver]) -> None:
-    """Write the volumes that are missing; ``words`` are what they depend on."""
+def write(
+    request: SeriesRequest, settings: dict[str, Any], open_series: Callable[[], Deconvolver]
+) -> None:
+    """Write the missing volumes, which depend on ``settings``."""
     from clplen.io.results.volume_series import count_whole, series_in
     from clplen.microscopy.series_files import Remarks, SeriesWriter
 
-    about, records = series_in(asked.output)
-    count = len(asked.pages)
-    go_on = bool(records) and _is_same(asked, about, words, len(records))
-    if go_on and count_whole(asked.output) == count and asked.output.exists():
-        click.echo(f"{asked.output} is there already, of the same frames and words.")
+    output, count = request.output, len(request.pages)
+    about, records = series_in(output)
+    resumes = bool(records) and _can_resume(request, about, settings, len(records))
+    if resumes and count_whole(output) == count and output.exists():
+        click.echo(f"{output} is up to date.")
         return
-    series = opened()
+    series = open_series()
     for text in series.checks():
         note(text)
-    batch = about["batch"] if go_on else None
-    writer = SeriesWriter(asked.output, asked.pages, series, words, batch=batch)
+    batch = about["batch"] if resumes else None
+    writer = SeriesWriter(output, request.pages, series, settings, batch=batch)
     if writer.done:
-        click.echo(f"{asked.output} goes on after {writer.done} of {count} frames.")
-    began, remarks, at = time.perf_counter(), Remarks(), writer.done
+        click.echo(f"{output} continues after {writer.done} of {count} frames.")
+    start, remarks, done = time.perf_counter(), Remarks(), writer.done
     with progress_bar(count, "frame") as bar:
-        bar.update(at)
-        for some in writer:
-            for text in remarks.new(some):
+        bar.update(done)
+        for group in writer:
+            for text in remarks.new(group):
                 note(text)
-            if asked.preview is not None:
-                _show(asked.preview, some.frames[-1], series)
-            at += len(some.pages)
-            update_bar(bar, at, count)
-    made, took = count - writer.done, time.perf_counter() - began
-    for text in remarks.repeated(made):
+            if request.preview is not None:
+                _write_preview(request.preview, group.frames[-1], series)
+            done += len(group.pages)
+            update_bar(bar, done, count)
+    written, seconds = count - writer.done, time.perf_counter() - start
+    for text in remarks.repeated(written):
         note(text)
     volumes = " x ".join(str(n) for n in series.projector_for(writer.shape).volume_shape)
     click.echo(
-        f"{asked.output} holds {count} volumes of {volumes} voxels (z, y, x); {made} made in "
-        f"{took:.3g} s, {made / took:.3g} frames a second, {writer.batch} together; residual of "
-        f"the last one {writer.file.records[-1]['residual']:.3g}."
+        f"{output} holds {count} volumes of {volumes} voxels (z, y, x); {written} computed in "
+        f"{seconds:.3g} s, {written / seconds:.3g} frames per second in groups of {writer.batch}; "
+        f"residual of the last volume {writer.file.records[-1]['residual']:.3g}."
     )
 
 
-def _is_same(asked: Asked, about: dict[str, Any], words: dict[str, Any], there: int) -> bool:
-    """Whether what is there is of the same series; what is not goes with --force only."""
-    found = about.get("job")
-    if not isinstance(found, dict):
+def _can_resume(
+    request: SeriesRequest, about: dict[str, Any], settings: dict[str, Any], count: int
+) -> bool:
+    """Return True if the file has equal settings; raise an error unless --force is set."""
+    job = about.get("job")
+    if not isinstance(job, dict):
         return False
-    other = next((name for name in {**words, **found} if words.get(name) != found.get(name)), None)
-    if other is None and asked.batch in (None, about.get("batch")):
+    names = {**settings, **job}
+    changed_key = next((name for name in names if settings.get(name) != job.get(name)), None)
+    if changed_key is None and request.batch in (None, about.get("batch")):
         return True
-    if asked.force:
+    if request.force:
         return False
-    if other is None:
-        how = f"{about.get('batch')} frames together, not {asked.batch}"
-    elif other == "frames":
-        how = "other frames"
+    if changed_key is None:
+        difference = f"{about.get('batch')} frames together, not {request.batch}"
+    elif changed_key == "frames":
+        difference = "other frames"
     else:
-        how = f"{other} = {found.get(other)}, not {words.get(other)}"
+        difference = f"{changed_key} = {job.get(changed_key)}, not {settings.get(changed_key)}"
     raise click.ClickException(
-        f"{asked.output} has {there} volumes made with {how}: name another output, or --force "
-        "makes all of them anew."
+        f"{request.output} has {count} volumes made with {difference}: choose another output, or "
+        "recompute all volumes with --force."
     )
 
 
-def _show(preview: Path, frame: Prepared, series: Deconvolver) -> None:
+def _write_preview(preview: Path, frame: Prepared, series: Deconvolver) -> None:
     from clplen.io.formats.picture import write_picture
     from clplen.microscopy.model.images import PointImages
     from clplen.microscopy.series.preview import preview as refocused

@@ -27,27 +27,33 @@ _PATH = click.Path(path_type=Path)
 
 @click.command()
 @inputs.volumes
-@click.option("-o", "--output", required=True, metavar="TRACES.csv", type=_PATH)
-@click.option("--labels", metavar="LABELS", type=_PATH, help="Of 'clplen microscope regions'.")
 @click.option(
-    "--points", metavar="POINTS.csv", type=_PATH,
-    help="Spheres about these points or regions instead.",
-)  # fmt: skip
-@click.option("--radius-um", type=options.FINITE, help="Of the spheres.")
-@click.option(
-    "--window", type=click.IntRange(1), default=300, show_default=True,
-    help="Frames of the window in which F0 is a percentile.",
-)  # fmt: skip
-@click.option(
-    "--percentile", type=click.FloatRange(0, 100), default=8.0, show_default=True, help="Of F0."
+    "-o", "--output", required=True, metavar="TRACES.csv", type=_PATH, help="Output table."
 )
 @click.option(
+    "--labels", metavar="LABELS", type=_PATH, help="Label volume from 'clplen microscope regions'."
+)
+@click.option(
+    "--points", metavar="POINTS.csv", type=_PATH,
+    help="Table of points; spheres around them are measured instead of labels.",
+)  # fmt: skip
+@click.option("--radius-um", type=options.FINITE, help="Radius of the spheres, in micrometres.")
+@click.option(
+    "--window", type=click.IntRange(1), default=300, show_default=True,
+    help="Length of the window for F0, in frames.",
+)  # fmt: skip
+@click.option(
+    "--percentile", type=click.FloatRange(0, 100), default=8.0, show_default=True,
+    help="Percentile of F in the window that defines F0.",
+)  # fmt: skip
+@click.option(
     "--ring-um", type=inputs.Numbers("INNER,OUTER", "2,10", (2,), **inputs.MICRONS),
-    help="Subtract the light of a ring at this distance.",
+    help="Inner and outer distance of a surrounding ring, in micrometres, whose light is "
+    "subtracted.",
 )  # fmt: skip
 @click.option(
     "--neuropil", type=click.FloatRange(0, 1), default=0.7, show_default=True,
-    help="How much of the light of the ring is also in the region.",
+    help="Fraction of the light of the ring that is subtracted.",
 )  # fmt: skip
 @inputs.voxel
 @options.force_output
@@ -66,8 +72,8 @@ def traces(
 ) -> None:
     """Measure the brightness of regions over a series: F, F0 and dF/F.
 
-    F0 is a low percentile of F in a window about each frame; dF/F = (F - F0)/F0. VOLUME is one file
-    with times, or several, one after the other.
+    F0 is a low percentile of F in a window around each frame; dF/F = (F - F0)/F0. VOLUME is a file
+    with several times, or a list of files in order of time.
 
     \b
     Example:
@@ -78,13 +84,13 @@ def traces(
 
     _check(labels, points, radius_um)
     if ring_um is not None and ring_um[0] >= ring_um[1]:
-        raise click.UsageError("--ring-um is INNER,OUTER in micrometres, the inner one smaller.")
+        raise click.UsageError("--ring-um must be INNER,OUTER with INNER below OUTER.")
     series = opened_series(volumes, "traces")
     inside = [path for path in (labels, points) if path is not None]
     check_outputs(series, force, (output, (".csv",)), others=inside)
     axes = axes_of(series, voxel_um) if points or ring_um or voxel_um else None
     numbers = _labels(series, labels, points, radius_um, axes)
-    found = microscopy.traces(
+    result = microscopy.traces(
         progressing(series),
         numbers,
         window=window,
@@ -93,29 +99,29 @@ def traces(
         axes=axes,
         neuropil=neuropil,
     )
-    found.to_csv(output)
-    known = np.isfinite(found.dff).all(axis=1)
-    if not known.all():
+    result.to_csv(output)
+    valid = np.isfinite(result.dff).all(axis=1)
+    if not valid.all():
         note(
-            f"F0 is not positive in {np.count_nonzero(~known)} of {len(found)} regions, whose dF/F "
-            "is empty there: is --neuropil too large, or an offset taken away twice?"
+            f"F0 is not positive in {np.count_nonzero(~valid)} of {len(result)} regions; their "
+            "dF/F is empty: lower --neuropil, or check whether an offset was subtracted twice."
         )
-    largest = f"{np.nanmax(found.dff):.3g}" if np.isfinite(found.dff).any() else "unknown"
+    largest = f"{np.nanmax(result.dff):.3g}" if np.isfinite(result.dff).any() else "unknown"
     click.echo(
-        f"{output} holds {len(found)} regions in {found.means.shape[1]} frames; largest dF/F "
+        f"{output} holds {len(result)} regions in {result.means.shape[1]} frames; largest dF/F "
         f"{largest}."
     )
     if window > len(series):
-        note(f"--window {window} is longer than the series, whose {len(series)} frames give F0.")
+        note(f"--window {window} exceeds the series: F0 is taken from all {len(series)} frames.")
 
 
 def _check(labels: Path | None, points: Path | None, radius_um: float | None) -> None:
     if (labels is None) == (points is None):
         raise click.UsageError("Give --labels LABELS, or --points POINTS.csv with --radius-um.")
     if (points is None) != (radius_um is None):
-        raise click.UsageError("--points and --radius-um go together.")
+        raise click.UsageError("--points and --radius-um must be given together.")
     if radius_um is not None and radius_um <= 0:
-        raise click.UsageError(f"--radius-um is positive, not {radius_um:g}.")
+        raise click.UsageError(f"--radius-um must be positive, got {radius_um:g}.")
 
 
 def _labels(
@@ -125,29 +131,29 @@ def _labels(
     radius_um: float | None,
     axes: Any,
 ) -> Any:
-    """Which region each voxel belongs to."""
+    """Return the number of the region of each voxel."""
     from clplen.microscopy import sphere_labels
     from clplen.microscopy.objects.csv_tables import read_positions
 
     if labels is not None:
-        found = opened((labels,))
-        if found.shape[1:] != series.shape[1:]:
+        volumes = opened((labels,))
+        if volumes.shape[1:] != series.shape[1:]:
             raise click.ClickException(
-                f"{labels} has shape {found.shape[1:]}, the volumes {series.shape[1:]}: give "
-                "labels of this series."
+                f"{labels} must have the shape of the volumes, {series.shape[1:]}, got "
+                f"{volumes.shape[1:]}: give labels of this series."
             )
-        return found[0]
+        return volumes[0]
     assert points is not None
     assert radius_um is not None
     positions, unit, _ = read_positions(points)
     if unit != "m":
         raise click.ClickException(f"{points} has positions in voxels: give a table in metres.")
     if not len(positions):
-        raise click.ClickException(f"{points} holds no point.")
+        raise click.ClickException(f"{points} contains no points.")
     numbers = sphere_labels(positions, radius_um / 1e6, axes)
     missing = len(positions) - len(np.unique(numbers[numbers > 0]))
     if missing == len(positions):
         raise click.ClickException(f"No point of {points} lies in the volumes.")
     if missing:
-        note(f"{missing} of {len(positions)} points have no voxel of their own: left out.")
+        note(f"{missing} of {len(positions)} points contain no voxel and are left out.")
     return numbers

@@ -30,20 +30,24 @@ Micrometres = tuple[float, float, float] | None
 
 threshold = click.option(
     "--threshold", type=options.FINITE,
-    help="Of the smoothed volume; default Otsu's, but at least --snr times the noise.",
+    help="Minimum value of a region in the smoothed volume. Default: Otsu's threshold, at least "
+    "--snr times the noise.",
 )  # fmt: skip
 split = click.option(
     "--split", type=click.FloatRange(0, 1), default=0.9, show_default=True,
-    help="Regions that touch are two if the saddle between them is below this share of the lower.",
+    help="Split touching regions if the saddle is below this fraction of the lower maximum.",
 )  # fmt: skip
-least = click.option(
-    "--least", type=click.IntRange(1), default=8, show_default=True, help="Voxels of a region."
-)
+min_voxels = click.option(
+    "--least", type=click.IntRange(1), default=8, show_default=True,
+    help="Minimum number of voxels of a region.",
+)  # fmt: skip
 
 
 @click.command()
 @inputs.volumes
-@click.option("-o", "--output", required=True, metavar="POINTS.csv", type=_PATH)
+@click.option(
+    "-o", "--output", required=True, metavar="POINTS.csv", type=_PATH, help="Output table."
+)
 @inputs.time
 @inputs.size
 @inputs.snr
@@ -60,10 +64,10 @@ def points(
     voxel_um: Micrometres,
     force: bool,
 ) -> None:
-    """Find points such as beads in a volume: a table of their places, heights and widths.
+    """Detect points such as beads in a volume; write their positions, heights and widths.
 
-    VOLUME is OME-TIFF, OME-Zarr, TIFF or .npy. Places are in metres, z as the file has it, y and x
-    from the middle of the first voxel, finer than voxels.
+    VOLUME is OME-TIFF, OME-Zarr, TIFF or .npy. Positions are in metres with sub-voxel accuracy: z
+    as in the file, y and x from the centre of the first voxel.
 
     \b
     Example:
@@ -75,30 +79,32 @@ def points(
     check_outputs(series, force, (output, _CSV))
     axes = axes_of(series, voxel_um)
     volume = volume_at(series, time)
-    found = find_points(volume, axes=axes, size=size, snr=snr, distance=distance)
-    if not len(found):
+    detections = find_points(volume, axes=axes, size=size, snr=snr, distance=distance)
+    if not len(detections):
         raise click.ClickException(_none("point", series, snr))
-    found.to_csv(output)
-    z, y, x = np.nanmedian(found.widths, axis=0) * 1e6
+    detections.to_csv(output)
+    z, y, x = np.nanmedian(detections.widths, axis=0) * 1e6
     click.echo(
-        f"{output} holds {len(found)} points; widths at half height, median: {z:.3g} um along z, "
-        f"{y:.3g} and {x:.3g} um along y and x."
+        f"{output} holds {len(detections)} points; median full width at half maximum: {z:.3g} um "
+        f"along z, {y:.3g} um along y, {x:.3g} um along x."
     )
 
 
 @click.command()
 @inputs.volumes
-@click.option("-o", "--output", required=True, metavar="REGIONS.csv", type=_PATH)
+@click.option(
+    "-o", "--output", required=True, metavar="REGIONS.csv", type=_PATH, help="Output table."
+)
 @click.option(
     "--labels", metavar="LABELS.ome.tif", type=_PATH,
-    help="Write which region a voxel belongs to, too, for 'clplen microscope traces'.",
+    help="Output volume with the region number of each voxel, for 'clplen microscope traces'.",
 )  # fmt: skip
 @inputs.time
 @inputs.size
 @inputs.snr
 @threshold
 @split
-@least
+@min_voxels
 @inputs.voxel
 @options.force_output
 def regions(
@@ -108,9 +114,9 @@ def regions(
     time: int | str | None,
     voxel_um: Micrometres,
     force: bool,
-    **how: Any,
+    **settings: Any,
 ) -> None:
-    """Find bright regions such as cells in a volume: places, volumes and brightness, and labels.
+    """Segment bright regions such as cells; write their positions, volumes and brightness.
 
     \b
     Example:
@@ -122,51 +128,56 @@ def regions(
     series = opened(volumes)
     check_outputs(series, force, (output, _CSV), (labels, (".tif", ".tiff", ".zarr")))
     axes = axes_of(series, voxel_um)
-    found = find_regions(volume_at(series, time), axes=axes, **how)
-    if not len(found):
-        raise click.ClickException(_none("region", series, how["snr"]))
+    segmentation = find_regions(volume_at(series, time), axes=axes, **settings)
+    if not len(segmentation):
+        raise click.ClickException(_none("region", series, settings["snr"]))
     if labels is not None:
         step = (float(axes[1][1] - axes[1][0]), float(axes[2][1] - axes[2][0]))
-        about = {"regions": len(found), "threshold": found.threshold}
-        write_volume(labels, found.labels, planes=axes[0], voxel=step, description=about)
-    found.to_csv(output)
+        about = {"regions": len(segmentation), "threshold": segmentation.threshold}
+        write_volume(labels, segmentation.labels, planes=axes[0], voxel=step, description=about)
+    segmentation.to_csv(output)
     click.echo(
-        f"{output} holds {len(found)} regions above {found.threshold:.4g}, "
-        f"{found.volumes.min() * 1e18:.3g} to {found.volumes.max() * 1e18:.3g} um^3 large."
+        f"{output} holds {len(segmentation)} regions above {segmentation.threshold:.4g}, "
+        f"with volumes of {segmentation.volumes.min() * 1e18:.3g} to "
+        f"{segmentation.volumes.max() * 1e18:.3g} um^3."
     )
 
 
 @click.command()
 @inputs.volumes
-@click.option("-o", "--output", required=True, metavar="TRACKS.csv", type=_PATH)
+@click.option(
+    "-o", "--output", required=True, metavar="TRACKS.csv", type=_PATH, help="Output table."
+)
 @click.option(
     "--step-um", required=True,
     type=inputs.Numbers("LENGTH|Z,Y,X", "3 or 6,3,3", (1, 3), above=0, **inputs.MICRONS),
-    help="Largest step from frame to frame: one length, or half axes of an ellipsoid.",
+    help="Maximum step from frame to frame, in micrometres: a radius, or the half axes of an "
+    "ellipsoid.",
 )  # fmt: skip
 @click.option(
     "--gaps", type=click.IntRange(0), default=0, show_default=True,
-    help="Frames that a track may miss.",
+    help="Maximum number of consecutive frames without a detection in a track.",
 )  # fmt: skip
 @click.option(
     "--motion", type=click.Choice(["random", "straight"]), default="random", show_default=True,
-    help="Expect a point where it was, or where its last steps lead.",
+    help="Motion model: expect a point at its last position (random), or along its last steps "
+    "(straight).",
 )  # fmt: skip
 @click.option(
     "--shortest", type=click.IntRange(1), default=1, show_default=True,
-    help="Points that a track has at least.",
+    help="Minimum number of points of a track.",
 )  # fmt: skip
 @click.option("--regions", "is_region", is_flag=True, help="Track regions instead of points.")
 @click.option(
     "--napari", metavar="TRACKS.npy", type=_PATH,
-    help="Write the array of napari's layer Tracks, too: track, frame, z, y, x in micrometres.",
+    help="Output array for napari's Tracks layer: track, frame, z, y, x in micrometres.",
 )  # fmt: skip
 @inputs.size
 @inputs.snr
 @inputs.distance
 @threshold
 @split
-@least
+@min_voxels
 @inputs.voxel
 @options.force_output
 def track(
@@ -180,12 +191,12 @@ def track(
     napari: Path | None,
     voxel_um: Micrometres,
     force: bool,
-    **how: Any,
+    **settings: Any,
 ) -> None:
-    """Find points or regions in each volume of a series, and link them to tracks.
+    """Detect points or regions in each volume of a series, and link them to tracks.
 
-    VOLUME is one file with times, or several, one after the other; one volume is in memory at a
-    time.
+    VOLUME is a file with several times, or a list of files in order of time. Only one volume is in
+    memory at a time.
 
     \b
     Example:
@@ -198,16 +209,16 @@ def track(
     series = opened_series(volumes, "tracks")
     check_outputs(series, force, (output, _CSV), (napari, (".npy",)))
     axes = axes_of(series, voxel_um)
-    found = _found(series, axes, is_region, how)
+    detections = _detections(series, axes, is_region, settings)
     step = step_um if len(step_um) > 1 else step_um[0]
     tracks = track_points(
-        found, step=step, gaps=gaps, motion=motion, shortest=shortest, unit="m"
+        detections, step=step, gaps=gaps, motion=motion, shortest=shortest, unit="m"
     )
     if not len(tracks):
         kind = "region" if is_region else "point"
         raise click.ClickException(
-            _none(kind, series, how["snr"]) if shortest == 1 else
-            f"No track has {shortest} {kind}s: lower --shortest, or raise --step-um or --gaps."
+            _none(kind, series, settings["snr"]) if shortest == 1 else
+            f"No track has {shortest} {kind}s: lower --shortest, or increase --step-um or --gaps."
         )  # fmt: skip
     tracks.to_csv(output)
     if napari is not None:
@@ -216,28 +227,30 @@ def track(
     click.echo(
         f"{output} holds {len(tracks)} tracks of {lengths.sum()} "
         f"{'regions' if is_region else 'points'} in {len(series)} frames, "
-        f"{np.median(lengths):g} long in the median."
+        f"median length {np.median(lengths):g}."
     )
     if np.mean(lengths == 1) > 0.5:
-        note("more than half of the tracks have one frame only: is --step-um too short?")
+        note("more than half of the tracks have a single frame: increase --step-um.")
 
 
-def _found(series: StoredVolumes, axes: Any, is_region: bool, how: dict[str, Any]) -> Iterator[Any]:
-    """The points or regions of each volume."""
+def _detections(
+    series: StoredVolumes, axes: Any, is_region: bool, settings: dict[str, Any]
+) -> Iterator[Any]:
+    """Detect the points or regions of each volume."""
     from clplen.microscopy import find_points, find_regions
 
     names = ("threshold", "split", "least") if is_region else ("distance",)
-    words = {name: how[name] for name in ("size", "snr", *names)}
+    arguments = {name: settings[name] for name in ("size", "snr", *names)}
     find = find_regions if is_region else find_points
     for time, volume in enumerate(progressing(series)):
         try:
-            yield find(volume, axes=axes, **words)
+            yield find(volume, axes=axes, **arguments)
         except ValueError as error:
             raise click.ClickException(f"Volume {time}: {error}") from error
 
 
 def _none(kind: str, series: StoredVolumes, snr: float) -> str:
     return (
-        f"{series.files[0].path} holds no {kind} above {snr:g} times the noise: lower --snr, or "
-        "give the --size of one."
+        f"{series.files[0].path} has no {kind} above {snr:g} times the noise: lower --snr, or set "
+        f"--size to the size of a {kind}."
     )

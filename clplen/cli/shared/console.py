@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from clplen.lightfield.model.stored_light_field import StoredLightField
     from clplen.lightfield.refocusing.focal_stacks import FocalStack
 
+
 class Commands(click.Group):
     """Commands whose expected failures are one sentence, not a traceback."""
 
@@ -52,13 +53,13 @@ class Commands(click.Group):
             except _opencl_errors() as error:
                 reason = (str(error).splitlines() or [type(error).__name__])[0]
                 raise click.ClickException(
-                    f"OpenCL failed ({reason}): run `clplen devices --check` to see what works, or "
-                    "choose another device by --device."
+                    f"OpenCL failed ({reason}): run `clplen devices --check` to test the device, "
+                    "or choose another device with --device."
                 ) from error
 
 
 def _opencl_errors() -> tuple[type[Exception], ...]:
-    """What OpenCL raises, where it is in use."""
+    """Return the exception class of OpenCL, once pyopencl is loaded."""
     opencl = sys.modules.get("pyopencl")
     return () if opencl is None else (opencl.Error,)
 
@@ -68,23 +69,24 @@ def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
 
 
 def note(text: str) -> None:
-    """Say something on standard error that does not end the command."""
+    """Print a note on standard error."""
     click.echo(f"Note: {text}", err=True)
 
 
 def error_sentence(error: BaseException) -> str:
-    """Return what went wrong, without a compiler's log."""
+    """Return the error as one sentence, without a compiler's log."""
     if isinstance(error, MemoryError):
         detail = str(error).rstrip(".")
-        return "This computer has not enough memory" + (f": {detail}." if detail else " for it.")
+        return "This computer has too little memory" + (f": {detail}." if detail else ".")
     return reason_of(error) or type(error).__name__
 
 
-_DETAIL = 1e-5  # of the brightest pixel, rms: what is less is rounding
+# Minimum rms detail, as a fraction of the brightest pixel: float32 rounding stays below it.
+MIN_DETAIL = 1e-5
 
 
 def open_device(selector: str | None) -> Device:
-    """The device and its way to transform, named before anything is computed."""
+    """Open the device, and print its name and FFT library."""
     from clplen.compute.device import Device
 
     device = Device.open(selector)
@@ -102,7 +104,7 @@ def advance(bar: tqdm[Any], name: str) -> None:
 
 
 def update_bar(bar: tqdm[Any], done: int, total: int) -> None:
-    """How far one part of several has come; each begins anew."""
+    """Set the bar to ``done`` of ``total``; reset it when the next part begins."""
     if done < bar.n:
         bar.reset()
     bar.total = total
@@ -111,16 +113,16 @@ def update_bar(bar: tqdm[Any], done: int, total: int) -> None:
 
 @contextmanager
 def capture_messages() -> Iterator[list[str]]:
-    """What the readers say, kept instead of being shown."""
-    said: list[str] = []
+    """Collect the log messages of the readers instead of printing them."""
+    messages: list[str] = []
     logger = logging.getLogger("clplen.io")
     handler = logging.Handler()
-    handler.emit = lambda record: said.append(record.getMessage())  # type: ignore[method-assign]
+    handler.emit = lambda record: messages.append(record.getMessage())  # type: ignore[method-assign]
     propagated = logger.propagate
     logger.addHandler(handler)
     logger.propagate = False
     try:
-        yield said
+        yield messages
     finally:
         logger.propagate = propagated
         logger.removeHandler(handler)
@@ -140,55 +142,55 @@ def read(source: Path, selector: str | None, layout: dict[str, Any]) -> LightFie
 
 
 @contextmanager
-def stored(
+def open_stored(
     source: Path, selector: str | None, layout: dict[str, Any]
 ) -> Iterator[tuple[StoredLightField, Device]]:
-    """A light field that is read part by part, and the device for it."""
+    """Open a light field for reading part by part, and its device."""
     from clplen.compute.device import Device
     from clplen.io import open_lightfield
 
     device = Device.open(selector)
-    with open_lightfield(source, device=device, **layout) as found:
-        yield found, device
+    with open_lightfield(source, device=device, **layout) as light_field:
+        yield light_field, device
 
 
 @contextmanager
 def tile_progress() -> Iterator[Callable[[int, int], None]]:
-    """What shows how many tiles are done."""
+    """Show a progress bar of tiles."""
     with progress_bar(0, "tile") as bar:
         yield lambda done, total: update_bar(bar, done, total)
 
 
 def check_planes(disparities: Any, alphas: Any) -> None:
-    """Refuse planes that are given in both ways."""
+    """Raise an error if both disparities and alphas are given."""
     one_of_planes(alphas, disparities)
 
 
-def note_end(disparities: Any, found: Any, what: str = "the sharpest plane is") -> bool:
-    """Say that the best of several planes is the first or the last one, if it is.
+def note_end(disparities: Any, sharpest: Any, what: str = "the sharpest plane is") -> bool:
+    """Warn if the sharpest plane is the first or the last; return True in this case.
 
-    ``found`` is its disparity, or those of many pixels, of which more than half count.
+    ``sharpest`` is a disparity, or the disparities of many pixels, whose majority decides.
     """
     planes = np.asarray(disparities, np.float64)
     if planes.size < 3:
         return False
     ends = np.sort(planes)[[0, 1, -2, -1]]
-    if np.mean(found < (ends[0] + ends[1]) / 2) > 0.5:
+    if np.mean(sharpest < (ends[0] + ends[1]) / 2) > 0.5:
         end, side = ends[0], "below"
-    elif np.mean(found > (ends[2] + ends[3]) / 2) > 0.5:
+    elif np.mean(sharpest > (ends[2] + ends[3]) / 2) > 0.5:
         end, side = ends[3], "above"
     else:
         return False
-    which = "first" if end == planes[0] else "last"
+    end_name = "first" if end == planes[0] else "last"
     note(
-        f"{what} the {which} of those tried: the scene may lie {side} disparity {end:g}; "
-        "'clplen info' finds its range."
+        f"{what} the {end_name} plane tried: the scene may extend {side} disparity {end:g}; "
+        "'clplen info' estimates its range."
     )
     return True
 
 
 def note_nearly_black(lf: LightField, aperture: Any) -> None:
-    """Say that some of the views that an aperture takes hold hardly any light, if they do."""
+    """Warn if views inside the aperture are nearly black."""
     from clplen.lightfield.axis_check.view_brightness import (
         NEARLY_BLACK,
         clear_aperture,
@@ -197,37 +199,37 @@ def note_nearly_black(lf: LightField, aperture: Any) -> None:
     )
     from clplen.lightfield.model.apertures import aperture_weights
 
-    dim = nearly_black_views(lf, relative_brightness(lf))
-    dim &= aperture_weights(lf, aperture, None) > 0
-    if not dim.any():
+    is_dark = nearly_black_views(lf, relative_brightness(lf))
+    is_dark &= aperture_weights(lf, aperture, None) > 0
+    if not is_dark.any():
         return
-    across = clear_aperture(lf, dim)
+    across = clear_aperture(lf, is_dark)
     note(
-        f"{dim.sum()} of {dim.size} views are nearly black (below {100 * NEARLY_BLACK:g} % of the "
-        "median brightness) and count like the others"
+        f"{is_dark.sum()} of {is_dark.size} views are nearly black (below {100 * NEARLY_BLACK:g} % "
+        "of the median brightness) and are weighted like the others"
         + (f": --aperture {across} leaves them out." if across else ".")
     )
 
 
-def share_at_ends(disparities: Any, found: Any) -> float:
-    """Share of some disparities that are nearer to the first or last plane than to the others."""
+def fraction_at_ends(disparities: Any, measured: Any) -> float:
+    """Return the fraction of measured disparities whose nearest plane is the first or last."""
     planes = np.sort(np.asarray(disparities, np.float64))
-    if planes.size < 3 or not np.size(found):
+    if planes.size < 3 or not np.size(measured):
         return 0.0
     low, high = planes[:2].mean(), planes[-2:].mean()
-    return float(np.mean((found < low) | (found > high)))
+    return float(np.mean((measured < low) | (measured > high)))
 
 
-def sharpest_of(stack: FocalStack, lf: LightField) -> int | str:
-    """Which plane is the sharpest, or why none is: there is one view, or nothing to be sharp."""
+def sharpest_plane(stack: FocalStack, lf: LightField) -> int | str:
+    """Return the index of the sharpest plane, or the reason why no plane is the sharpest."""
     from clplen.lightfield.depth.depth_maps import sharpness_curve
 
     if np.count_nonzero(lf.weights) < 2:
-        return "there is one view only, which looks the same on every plane"
+        return "a single view looks alike on every plane"
     curve = sharpness_curve(stack)
     best = int(curve.argmax())
     level = float(np.abs(stack.device.download(stack.data[best])).max())
-    if curve[best] <= (_DETAIL * level) ** 2:
+    if curve[best] <= (MIN_DETAIL * level) ** 2:
         return "the views show no detail" + ("" if level else ", they are black")
     return best
 
@@ -235,62 +237,62 @@ def sharpest_of(stack: FocalStack, lf: LightField) -> int | str:
 def planes_of(
     lf: LightField | StoredLightField, disparities: Any, alphas: Any, *, count: int | None = None
 ) -> dict[str, Any]:
-    """The planes that were asked for, else those that suit the light field, `count` of them."""
+    """Return the given planes, else ``count`` planes over the range of the light field."""
     from clplen.lightfield.depth.best_focus import suitable_planes
     from clplen.lightfield.model.alpha_law import shifts
 
     if disparities is None and alphas is None:
         planes = suitable_planes(lf, count=count)
     else:
-        name, given = ("alphas", alphas) if disparities is None else ("disparities", disparities)
-        planes = {name: np.array(given)}
-    chosen = tried_disparities(lf, planes)
-    moved = [np.abs(along).reshape(len(along), -1).max(axis=1) for along in shifts(lf, chosen)]
-    beyond = (moved[0] >= lf.shape[2]) | (moved[1] >= lf.shape[3])
+        name, values = ("alphas", alphas) if disparities is None else ("disparities", disparities)
+        planes = {name: np.array(values)}
+    chosen = disparities_of(lf, planes)
+    largest = [np.abs(axis).reshape(len(axis), -1).max(axis=1) for axis in shifts(lf, chosen)]
+    beyond = (largest[0] >= lf.shape[2]) | (largest[1] >= lf.shape[3])
     if beyond.any():
         note(
-            f"{beyond.sum()} of {options.planes(beyond.size)} move the outermost views by more "
-            "than a whole picture, so that parts stay empty: choose planes nearer to disparity 0."
+            f"{beyond.sum()} of {options.planes(beyond.size)} shift the outermost views by more "
+            "than the size of a picture and leave gaps: choose planes nearer to disparity 0."
         )
     return planes
 
 
-def tried_disparities(lf: LightField | StoredLightField, planes: dict[str, Any]) -> Any:
-    """The disparities of `planes_of`."""
+def disparities_of(lf: LightField | StoredLightField, planes: dict[str, Any]) -> Any:
+    """Return the disparities of planes from `planes_of`."""
     return planes["disparities"] if "disparities" in planes else lf.disparity(planes["alphas"])
 
 
 def check_outputs(source: Path, layout: dict[str, Any], *outputs: Path) -> None:
-    """Refuse outputs that cannot be written, are read, or were not written by clplen."""
+    """Reject outputs that cannot be written, are inputs, or were not written by clplen."""
     from clplen.io.lightfields.lightfield_files import files_of
 
-    with capture_messages():  # reading says it again
+    with capture_messages():  # the reader logs the messages again
         files = files_of(source, **layout) if any(path.exists() for path in outputs) else []
     for output in outputs:
         check_output(output, layout["force"], files, f" of {source}")
 
 
 def check_output(output: Path, force: bool, inputs: Iterable[Path], of: str = "") -> None:
-    """Refuse an output that cannot be written, is read, or was not written by clplen.
+    """Reject an output that cannot be written, is an input, or was not written by clplen.
 
-    ``of`` tells what the inputs belong to.
+    ``of`` names the source of the inputs for the message.
     """
     from clplen import outputs
 
     for file in inputs:
         if output.exists() and file.exists() and file.samefile(output):
             raise click.UsageError(
-                f"{output} is one of the files{of} that are read: name an output elsewhere."
+                f"{output} is one of the input files{of}: choose another output."
             )
     outputs.check_output(output, force=force)
 
 
 def note_link(folder: Path | str) -> None:
-    """Say where files go if an output folder is a link."""
+    """Print the target of an output folder that is a symbolic link."""
     if Path(folder).is_symlink():
-        note(f"{folder} is a link: files go to {Path(folder).resolve()}.")
+        note(f"{folder} is a link: files are written to {Path(folder).resolve()}.")
 
 
 def check_suffix(output: Path, suffixes: tuple[str, ...]) -> None:
     if output.suffix.lower() not in suffixes:
-        raise click.UsageError(f"The output ends in {' or '.join(suffixes)}, not as {output}.")
+        raise click.UsageError(f"The output must end in {' or '.join(suffixes)}, got {output}.")

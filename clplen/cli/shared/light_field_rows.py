@@ -1,4 +1,4 @@
-"""What ``clplen info`` says of a light field, as rows of a table."""
+"""Rows of ``clplen info`` for a light field."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ if TYPE_CHECKING:
     from clplen.lightfield.axis_check.lightfield_report import LightFieldReport
 
 Rows = list[tuple[str, str]]
-Words = tuple[str, ...]
+LayoutWords = tuple[str, ...]
 
-_LISTED = 12  # views that a line lists
+_MAX_LISTED_VIEWS = 12  # fits on one line
 
 
-def of_samples(report: LightFieldReport) -> Rows:
-    """Views, their samples and brightness, and what is known of their places."""
+def sample_rows(report: LightFieldReport) -> Rows:
+    """Return the number, samples, brightness, spacing and positions of the views."""
     V, U, ny, nx = report.shape[:4]
     views, channels = V * U, report.shape[4:]
     rows = [
@@ -25,7 +25,7 @@ def of_samples(report: LightFieldReport) -> Rows:
     ]
     for label, flat in (("Dark views", report.dark), ("Constant views", report.constant)):
         rows.append((label, f"{len(flat)} of {views}: {_listed(flat)}" if flat else "none"))
-    rows += _of_brightness(report)
+    rows += _brightness_rows(report)
     rows.append(("Left out", f"{report.left_out} of {views} views have weight 0"))
     spacing = "not known"
     if report.spacing is not None:
@@ -35,25 +35,26 @@ def of_samples(report: LightFieldReport) -> Rows:
         )
     rows.append(("Spacing", spacing))
     if report.scattered:
-        rows.append(("Positions", "each view has its own"))
+        rows.append(("Positions", "stored for each view"))
     return rows
 
 
 def _listed(views: Sequence[tuple[int, int]]) -> str:
-    more = f" and {len(views) - _LISTED} more" if len(views) > _LISTED else ""
-    return ", ".join(f"({v}, {u})" for v, u in views[:_LISTED]) + more
+    rest = len(views) - _MAX_LISTED_VIEWS
+    more = f" and {rest} more" if rest > 0 else ""
+    return ", ".join(f"({v}, {u})" for v, u in views[:_MAX_LISTED_VIEWS]) + more
 
 
-def _of_brightness(report: LightFieldReport) -> Rows:
-    """How much the views differ, and which hold hardly any light."""
+def _brightness_rows(report: LightFieldReport) -> Rows:
+    """Return the spread of the brightness of the views, and the nearly black views."""
     low, high = report.brightness
     rows = []
     if math.isfinite(low) and low < high:
         rows.append(
             (
                 "Brightness",
-                f"of views differs by {100 * (1 - low / high):.0f} %: their means are {low:.2f} to "
-                f"{high:.2f} of the median",
+                f"of the views differs by {100 * (1 - low / high):.0f} %: their means are "
+                f"{low:.2f} to {high:.2f} of the median",
             )
         )
     if report.nearly_black:
@@ -64,15 +65,15 @@ def _of_brightness(report: LightFieldReport) -> Rows:
             (
                 "Nearly black",
                 f"{share}, below {100 * NEARLY_BLACK:g} % of the median: "
-                f"{_listed(report.nearly_black)}; --aperture of depth, refocus and render leaves "
-                "them out",
+                f"{_listed(report.nearly_black)}; exclude them with --aperture of depth, refocus "
+                "and render",
             )
         )
     return rows
 
 
-def of_orders(report: LightFieldReport, read_with: Words, sentence: str) -> Rows:
-    """The range of disparities, and how sharp each order of the view axes is."""
+def order_rows(report: LightFieldReport, read_with: LayoutWords, sentence: str) -> Rows:
+    """Return the range of disparities, and the sharpness of each order of the view axes."""
     from clplen.lightfield.axis_check.lightfield_report import combine_layout_words
 
     rows = []
@@ -83,13 +84,13 @@ def of_orders(report: LightFieldReport, read_with: Words, sentence: str) -> Rows
     if report.orders:
         rows.append(("Orders", "  sharpness  disparity"))
     for order in sorted(report.orders, key=lambda order: -order.sharpness):
-        words = typed(combine_layout_words(read_with, order.keywords)) or "(no word on the axes)"
+        flags = as_options(combine_layout_words(read_with, order.keywords)) or "(no option)"
         mark = "*" if order in report.best and report.verdict != "none" else " "
-        text = f"{mark} {order.sharpness:9.3f}  {order.disparity:+9.2f}  {words}"
+        text = f"{mark} {order.sharpness:9.3f}  {order.disparity:+9.2f}  {flags}"
         rows.append(("", text + ("" if order.keywords else "  as read")))
     return rows
 
 
-def typed(words: Words) -> str:
-    """Words of layout as options."""
-    return " ".join("--" + word.replace("_", "-") for word in words)
+def as_options(layout_words: LayoutWords) -> str:
+    """Return layout settings as command-line options."""
+    return " ".join("--" + word.replace("_", "-") for word in layout_words)

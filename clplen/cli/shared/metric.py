@@ -28,12 +28,12 @@ camera_lengths = setting_options(ViewLengths)
 _MAPS = (
     options.file(
         "--metric",
-        help="Distances in metres, as .pfm, .tif or .npy; from the plane in focus where the light "
-        "field knows its camera and no lengths are given.",
+        help="Map of distances in metres, as .pfm, .tif or .npy. Without lengths the camera of the "
+        "light field is used, and distances count from the plane in focus.",
     ),
     options.file(
         "--ply",
-        help="Points with their colours, in metres; pixels and disparity if nothing tells metres.",
+        help="Coloured point cloud in metres; in pixels and disparity if the camera is unknown.",
         metavar="FILE.ply|FILE.glb",
     ),
 )
@@ -41,10 +41,9 @@ _MAPS = (
 
 @dataclass(frozen=True)
 class Lengths:
-    """What distances are computed from, and where they go.
+    """Camera for metric distances and the output files.
 
-    ``camera`` holds lengths in metres, as `metric_depth` and `points_of` take them; None where they
-    are not given.
+    ``camera`` holds the lengths in metres for `metric_depth` and `points_of`; None if unknown.
     """
 
     camera: dict[str, Any] | None
@@ -52,66 +51,67 @@ class Lengths:
     ply: Path | None
 
 
-class Said(NamedTuple):
-    """What to say of metres: of the distances, and of each file."""
+class MetricText(NamedTuple):
+    """Text about the range of distances and about each file written."""
 
     distances: str
     files: tuple[str, ...]
 
 
 def lengths(command: Any) -> Any:
-    """Decorate a command with the options of metres."""
+    """Add the options for metric distances to a command."""
     for option in reversed((camera_lengths, *_MAPS)):
         command = option(command)
     return command
 
 
-def lengths_of(words: dict[str, Any]) -> Lengths | None:
-    """Take the options of metres out of ``words``; None if none is given.
+def lengths_of(arguments: dict[str, Any]) -> Lengths | None:
+    """Remove the options for metric distances from ``arguments``; None if none is set.
 
-    ``intrinsics``, which stay there, tell lengths too.
+    ``intrinsics`` stay in ``arguments``; their lengths are used, too.
     """
-    metric, ply = words.pop("metric"), words.pop("ply")
-    camera = lengths_of_camera(words)
+    metric, ply = arguments.pop("metric"), arguments.pop("ply")
+    camera = lengths_of_camera(arguments)
     if metric is None and ply is None and camera is None:
         return None
     return Lengths(camera, metric, ply)
 
 
-def lengths_of_camera(words: dict[str, Any]) -> dict[str, Any] | None:
-    """Take lengths in metres out of ``words``, from options or from ``intrinsics``."""
-    given = take_settings(ViewLengths, words).lengths
-    flags = {one.name: f"--{one.key.replace('_', '-')}" for one in settings_of(ViewLengths)}
-    intrinsics = words.get("intrinsics")
-    if given and intrinsics is not None:
+def lengths_of_camera(arguments: dict[str, Any]) -> dict[str, Any] | None:
+    """Remove lengths in metres from ``arguments``, set by options or by ``intrinsics``."""
+    lengths = take_settings(ViewLengths, arguments).lengths
+    settings = settings_of(ViewLengths)
+    flags = {setting.name: f"--{setting.key.replace('_', '-')}" for setting in settings}
+    intrinsics = arguments.get("intrinsics")
+    if lengths and intrinsics is not None:
         raise click.UsageError(
-            f"{flags[next(iter(given))]} is not needed with --intrinsics, which tell all lengths: "
-            "leave it out."
+            f"{flags[next(iter(lengths))]} cannot be combined with --intrinsics, which sets all "
+            "lengths: leave one of them out."
         )
-    missing = [flags[name] for name in _NEEDED if name not in given]
-    if given and missing:
+    missing = [flags[name] for name in _NEEDED if name not in lengths]
+    if lengths and missing:
         raise click.UsageError(
             "Distances in metres need --baseline-mm, --focal-length-mm and --pixel-um together; "
             f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing."
         )
     if intrinsics is not None:
         return lengths_of_intrinsics(intrinsics)
-    return given or None
+    return lengths or None
 
 
 def lengths_of_intrinsics(path: Path) -> dict[str, Any]:
-    """Lengths of light fields that are rectified by a file of intrinsics."""
+    """Return the lengths in a file of intrinsics."""
     from clplen.io import read_intrinsics
 
     return read_intrinsics(path).lengths
 
 
 def check_camera(lf: LightField | StoredLightField, lengths: Lengths) -> None:
-    """Refuse a map in metres of a light field that knows no camera, without lengths."""
+    """Raise an error if --metric is set but neither camera nor lengths are known."""
     if lengths.metric is not None and lengths.camera is None and not _knows_camera(lf):
         raise click.UsageError(
-            "--metric needs lengths, as this light field knows no camera: give --baseline-mm, "
-            "--focal-length-mm and --pixel-um, or --intrinsics."
+            "--metric needs lengths, because this light field stores no camera: give "
+            "--baseline-mm, --focal-length-mm and --pixel-um, or --intrinsics."
         )
 
 
@@ -119,57 +119,54 @@ def _knows_camera(lf: LightField | StoredLightField) -> bool:
     return lf.camera is not None and lf.spacing is not None
 
 
-def write(lf: LightField | StoredLightField, found: DepthMap, lengths: Lengths) -> Said:
-    """Write distances and points where they are asked for; what to say of them."""
+def write(lf: LightField | StoredLightField, depth: DepthMap, lengths: Lengths) -> MetricText:
+    """Write the requested distances and points, and return text about them."""
     from clplen.io import points_of
     from clplen.io.formats.glb import write_points
     from clplen.lightfield.depth.depth_maps import metric_depth
 
-    where, unit = "", "in metres"
+    suffix, unit = "", "in metres"
     z: Values | None = None
     if lengths.camera is not None:
-        z = metric_depth(found.disparity, **lengths.camera)
-        points, words = points_of(found.disparity, **lengths.camera)
+        z = metric_depth(depth.disparity, **lengths.camera)
+        points, comment = points_of(depth.disparity, **lengths.camera)
     elif _knows_camera(lf):
-        z, where = found.z, " from the plane in focus, farther positive"
-        points, words = _points_of_camera(lf, found.z)
+        z, suffix = depth.z, " from the plane in focus, farther positive"
+        points, comment = _points_of_camera(lf, depth.z)
     else:
-        unit = "in pixels, with the disparity as z, for want of a camera or lengths"
-        points, words = points_of(found.disparity)
+        unit = "in pixels, with the disparity as z, because camera and lengths are unknown"
+        points, comment = points_of(depth.disparity)
     files = []
     if lengths.metric is not None and z is not None:
         write_map(lengths.metric, z.astype(np.float32))
-        files.append(f", {lengths.metric} the distances in metres{where}")
+        files.append(f", {lengths.metric} the distances in metres{suffix}")
     if lengths.ply is not None:
-        write_points(lengths.ply, points, colours_of(lf), comment=words)
+        write_points(lengths.ply, points, colours_of(lf), comment=comment)
         files.append(f", {lengths.ply} the points {unit}")
-    return Said("" if z is None else distances(z, where), tuple(files))
+    return MetricText("" if z is None else distances(z, suffix), tuple(files))
 
 
-def distances(z: Values, where: str) -> str:
-    """The range of distances in metres, in a sentence."""
-    known = np.isfinite(z)
-    if not known.any():
-        ask = "look among larger disparities" if where else "check the lengths and --focus-m"
-        return f"No pixel lies at a finite distance: {ask}."
-    low, middle, high = np.percentile(z[known], [5, 50, 95])
+def distances(z: Values, suffix: str) -> str:
+    """Return the range of distances in metres as a sentence."""
+    valid = np.isfinite(z)
+    if not valid.any():
+        remedy = "search larger disparities" if suffix else "check the lengths and --focus-m"
+        return f"No pixel lies at a finite distance: {remedy}."
+    low, middle, high = np.percentile(z[valid], [5, 50, 95])
     return (
-        f"Distances{where}: median {middle:.4g} m, 90 % of them from {low:.4g} to {high:.4g} m; "
-        f"{100 * known.mean():.0f} % of the pixels lie at a finite distance."
+        f"Distances{suffix}: median {middle:.4g} m, 90 % of them from {low:.4g} to {high:.4g} m; "
+        f"{100 * valid.mean():.0f} % of the pixels lie at a finite distance."
     )
 
 
 def _points_of_camera(lf: LightField | StoredLightField, z: Values) -> tuple[Values, str]:
-    """Points (x, y, z) as the camera of a light field images them, and what they are.
-
-    By the lens law 1/f = 1/a + 1/F the plane in focus lies at a = F/(F/f - 1) from the lens, where
-    F/f is alpha of what is infinitely far; a picture is F/(a + z) of the object's size. That of a
-    telecentric camera has the same size everywhere.
-    """
+    """Return the points (x, y, z) in front of the camera, and a comment for the file."""
+    # By the lens law 1/f = 1/a + 1/F the plane in focus lies at a = F/(F/f - 1) from the lens; F/f
+    # is alpha at infinity. The magnification at z is F/(a + z), constant if telecentric.
     from clplen.lightfield.raw.raw_image import is_telecentric
 
     if lf.camera is None or lf.spacing is None:
-        raise ValueError("This light field knows no camera.")
+        raise ValueError("This light field stores no camera.")
     y, x = np.indices(z.shape, dtype=np.float64)
     if is_telecentric(lf):
         scale = np.where(np.isfinite(z), 1 / getattr(lf.camera, "magnification", 1.0), np.nan)
@@ -184,7 +181,7 @@ def _points_of_camera(lf: LightField | StoredLightField, z: Values) -> tuple[Val
 
 
 def write_map(path: Path, values: Values) -> None:
-    """A float map (y, x) as PFM, TIFF or NumPy, by its suffix."""
+    """Write a float map (y, x) as PFM, TIFF or NumPy, by its suffix."""
     from clplen.io import write_pfm, write_picture
     from clplen.io.formats.npy import write_npy
 
@@ -197,11 +194,11 @@ def write_map(path: Path, values: Values) -> None:
 
 
 def colours_of(lf: LightField | StoredLightField) -> Values:
-    """The centre view as uint8 colours, shape (n, 3); floats by their largest value."""
+    """Return the centre view as uint8 colours, shape (n, 3); scale floats to their maximum."""
     from clplen.lightfield.model.stored_light_field import StoredLightField
 
     V, U = lf.shape[:2]
-    if isinstance(lf, StoredLightField):  # the same, of the views around the middle
+    if isinstance(lf, StoredLightField):  # reads the central views only
         v, u = (slice((n - 1) // 2, n // 2 + 1) for n in (V, U))
         middle = (v, u, slice(0, lf.shape[2]), slice(0, lf.shape[3]))
         share = lf.weights[v, u] if lf.weights[v, u].any() else np.ones_like(lf.weights[v, u])

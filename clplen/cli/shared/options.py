@@ -23,12 +23,12 @@ from clplen.settings.reading import ReadingSettings, size_of
 
 
 class _Parsed(click.ParamType):
-    """A value that a function reads, whose ValueError says what it must be."""
+    """Value parsed by a function whose ValueError states the condition."""
 
     read: Callable[[Any], Any]
 
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        """Return the value; fail with the words of the function."""
+        """Return the parsed value, or fail with the function's message."""
         try:
             return type(self).read(value)
         except ValueError as error:
@@ -36,7 +36,7 @@ class _Parsed(click.ParamType):
 
 
 class Planes(_Parsed):
-    """START:STOP:N, N values with both ends included."""
+    """Planes from START:STOP:N: N values, both ends included."""
 
     name = "START:STOP:N"
 
@@ -47,13 +47,13 @@ class Planes(_Parsed):
 
 
 class Size(_Parsed):
-    """A number of bytes, with a unit or without."""
+    """Number of bytes, with or without a unit."""
 
     name = "SIZE"
 
     @staticmethod
     def read(value: Any) -> int:
-        """Return the bytes, at least 1."""
+        """Return the number of bytes, at least 1."""
         return size_of(value)
 
 
@@ -61,23 +61,23 @@ source = click.argument("source", metavar="INPUT", type=click.Path(path_type=Pat
 
 
 def file(*names: str, help: str, metavar: str = "FILE") -> Callable[[Decorated], Decorated]:
-    """Return the option of a file that may be given."""
+    """Return an optional option that takes a file."""
     return click.option(*names, metavar=metavar, type=click.Path(path_type=Path), help=help)
 
 
 def output(metavar: str, help: str = "") -> Callable[[Decorated], Decorated]:
-    """Return the option of the file or folder that a command writes."""
-    how: Any = {"metavar": metavar, "type": click.Path(path_type=Path), "required": True}
-    return click.option("-o", "--output", help=help, **how)
+    """Return the option for the output file or folder of a command."""
+    attributes: Any = {"metavar": metavar, "type": click.Path(path_type=Path), "required": True}
+    return click.option("-o", "--output", help=help, **attributes)
 
 
 def planes(count: int) -> str:
-    """So many planes, in words."""
+    """Return a count of planes as text."""
     return f"{count:,} plane" + ("" if count == 1 else "s")
 
 
 class Finite(click.ParamType):
-    """A number that is neither NaN nor infinite."""
+    """Finite number."""
 
     name = "FLOAT"
 
@@ -87,7 +87,7 @@ class Finite(click.ParamType):
         except ValueError:
             number = float("nan")
         if not np.isfinite(number):
-            self.fail(f"{value!r} is no finite number.", param, ctx)
+            self.fail(f"{value!r} is not a finite number.", param, ctx)
         return number
 
 
@@ -110,7 +110,7 @@ device = click.option(
     default=None,
     cls=Option,
     group=DEVICE,
-    help="OpenCL device: cpu, gpu, platform:device (0:1) or part of a name, as 'clplen devices' "
+    help="OpenCL device: cpu, gpu, platform:device (0:1) or part of a name; 'clplen devices' "
     "lists them. Default: $CLPLEN_DEVICE, else the first GPU, else the first CPU.",
 )
 memory = click.option(
@@ -118,22 +118,22 @@ memory = click.option(
     type=Size(),
     cls=Option,
     group=DEVICE,
-    help="Bytes (512MiB, 4GB) on host and device together, in which the light field is read part "
-    "by part. Default: it is read whole.",
+    help="Memory limit on host and device together (512MiB, 4GB); the light field is processed in "
+    "tiles. Default: no limit, the light field is read at once.",
 )
 force_output = click.option(
     "--force",
     is_flag=True,
     cls=Option,
     group=OUTPUT,
-    help="Replace outputs that clplen did not write.",
+    help="Overwrite outputs that clplen did not write.",
 )
 force = click.option(
     "--force",
     is_flag=True,
     cls=Option,
     group=OUTPUT,
-    help="Replace outputs that clplen did not write; accept a white image whose lattice is "
+    help="Overwrite outputs that clplen did not write, and accept a white image whose lattice is "
     "uncertain.",
 )
 layout = _with_options(setting_options(ReadingSettings, leave_out=("force",)), force)
@@ -153,8 +153,8 @@ POWER_OF_TEN = {
     "m": 0,
     "km": 3,
 }
-SHORTEST, LONGEST = 1e-12, 1e12  # metres
-LARGEST_SIDE = 10**6  # samples
+MIN_LENGTH, MAX_LENGTH = 1e-12, 1e12  # metres; a value beyond is a mistyped unit
+MAX_SIDE = 10**6  # samples; more than any device could hold along two axes
 Sign = Literal["any", "positive", "not 0"]
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+))(?:[eE]([+-]?\d{1,9}))?\s*(\S*)\s*")
@@ -162,7 +162,7 @@ _BETWEEN = re.compile(r"[x\u00d7]")
 
 
 class Length(click.ParamType):
-    """A length in metres from 6.6um, 550nm, 24cm; a bare number is metres."""
+    """Length in metres from text such as 6.6um, 550nm or 24cm; a bare number is in metres."""
 
     name = "LENGTH"
 
@@ -170,7 +170,7 @@ class Length(click.ParamType):
         self.sign = sign
 
     def get_metavar(self, param: Any, ctx: Any = None) -> str:
-        return self.name  # as it is: x is no X
+        return self.name  # click would turn the x into X
 
     def convert(self, value: Any, param: Any, ctx: Any) -> float:
         if isinstance(value, float):
@@ -178,47 +178,47 @@ class Length(click.ParamType):
         return self._read(str(value), "", param, ctx)
 
     def _read(self, text: str, unit: str, param: Any, ctx: Any) -> float:
-        """One length; ``unit`` is that of a bare number."""
-        found = _NUMBER.fullmatch(text)
-        power = POWER_OF_TEN.get((found[3] or unit or "m") if found else "")
-        if not found or power is None:
+        """Return a length in metres; a bare number has the unit ``unit``."""
+        match = _NUMBER.fullmatch(text)
+        power = POWER_OF_TEN.get((match[3] or unit or "m") if match else "")
+        if not match or power is None:
             self._refuse(text, param, ctx)
-        exponent = int(found[2] or 0) + power  # so that 6.6um is 6.6e-6 to the last bit
-        length = float(f"{found[1]}e{exponent}")
-        if length and not SHORTEST <= abs(length) <= LONGEST:
-            self.fail(f"{text!r} is out of range: a length is 1 pm to 1e12 m, or 0.", param, ctx)
+        exponent = int(match[2] or 0) + power  # 6.6um becomes 6.6e-6 to the last bit
+        length = float(f"{match[1]}e{exponent}")
+        if length and not MIN_LENGTH <= abs(length) <= MAX_LENGTH:
+            self.fail(f"{text!r} is out of range: use 1 pm to 1e12 m, or 0.", param, ctx)
         if (self.sign == "positive" and length <= 0) or (self.sign == "not 0" and length == 0):
-            self.fail(f"{text!r} is not allowed here: the length is {self.sign}.", param, ctx)
+            self.fail(f"the length must be {self.sign}, got {text!r}.", param, ctx)
         return length
 
     def _refuse(self, text: str, param: Any, ctx: Any) -> NoReturn:
         comma = "a decimal point, not a comma, and " if "," in text else ""
         self.fail(
-            f"{text!r} is no length: give {comma}a number with a unit, as 6.6um, 550nm or 240mm; "
-            f"the units are {', '.join(filter(str.isascii, POWER_OF_TEN))}, and a bare number is "
-            "metres.",
+            f"{text!r} is not a length: give {comma}a number with a unit, such as 6.6um, 550nm or "
+            f"240mm; the units are {', '.join(filter(str.isascii, POWER_OF_TEN))}, and a bare "
+            "number is in metres.",
             param,
             ctx,
         )
 
 
 class Lengths(Length):
-    """(y, x) lengths in metres from YxX, 5umx6.6um or 5x6.6um; one length is both."""
+    """Pair (y, x) of lengths in metres from YxX such as 5umx6.6um; one length sets both axes."""
 
     name = "LENGTH or YxX"
 
-    def __init__(self, sign: Sign = "any", *, one: bool = True) -> None:
+    def __init__(self, sign: Sign = "any", *, accepts_single: bool = True) -> None:
         super().__init__(sign)
-        self.one = one
-        if not one:
+        self.accepts_single = accepts_single
+        if not accepts_single:
             self.name = "YxX"
 
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
         if isinstance(value, tuple):
             return value
         parts = _BETWEEN.split(str(value))
-        if len(parts) > 2 or (len(parts) == 1 and not self.one):
-            self.fail(f"{value!r} is no pair YxX: give y and x, as 0x5mm.", param, ctx)
+        if len(parts) > 2 or (len(parts) == 1 and not self.accepts_single):
+            self.fail(f"{value!r} is not a pair YxX: give y and x, such as 0x5mm.", param, ctx)
         last = _NUMBER.fullmatch(parts[-1])
         unit = last[3] if last else ""
         lengths = [self._read(part, unit, param, ctx) for part in parts]
@@ -226,7 +226,7 @@ class Lengths(Length):
 
 
 class Shape(click.ParamType):
-    """(ny, nx) samples from N or NYxNX."""
+    """Number of samples (ny, nx) from N or NYxNX."""
 
     name = "N or NYxNX"
 
@@ -239,14 +239,14 @@ class Shape(click.ParamType):
         parts = [part.strip() for part in _BETWEEN.split(str(value))]
         if len(parts) > 2 or not all(part.isascii() and part.isdigit() for part in parts):
             self.fail(
-                f"{value!r} is no number of samples: give a whole number, 3030, or rows and "
-                "columns, 2048x3030.",
+                f"{value!r} is not a number of samples: give a whole number, such as 3030, or "
+                "rows and columns, such as 2048x3030.",
                 param,
                 ctx,
             )
         sides = [int(part) for part in parts]
-        if not all(1 <= side <= LARGEST_SIDE for side in sides):
+        if not all(1 <= side <= MAX_SIDE for side in sides):
             self.fail(
-                f"{value!r} is out of range: a side has 1 to {LARGEST_SIDE:,} samples.", param, ctx
+                f"{value!r} is out of range: a side has 1 to {MAX_SIDE:,} samples.", param, ctx
             )
         return (sides[0], sides[-1])

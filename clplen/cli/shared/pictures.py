@@ -1,4 +1,4 @@
-"""Pictures on the command line: points in them, outputs, scaling."""
+"""Pictures on the command line: parameter types, output files and grey-level scaling."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PICTURES = (".tif", ".tiff", ".png")
 
 
 class Limits(click.ParamType):
-    """BLACK:WHITE, two values."""
+    """Grey-level limits BLACK:WHITE."""
 
     name = "BLACK:WHITE"
 
@@ -34,7 +34,7 @@ class Limits(click.ParamType):
 
 
 class Curve(click.ParamType):
-    """linear, srgb, log or a gamma."""
+    """Transfer curve: linear, srgb, log or a gamma."""
 
     name = "linear|srgb|log|GAMMA"
 
@@ -47,31 +47,31 @@ class Curve(click.ParamType):
         except ValueError:
             gamma = np.nan
         if not (np.isfinite(gamma) and gamma > 0):
-            self.fail(f"{value!r} is no curve: give {self.name}, as 2.2.", param, ctx)
+            self.fail(f"{value!r} is not a curve: give {self.name}, for example 2.2.", param, ctx)
         return gamma
 
 
 @dataclass(frozen=True)
 class Tone:
-    """How a PNG is scaled: black and white, and the curve between them; None is the default."""
+    """Limits and curve that scale a PNG; None for the defaults."""
 
     limits: tuple[float, float] | None = None
     curve: str | float | None = None
 
     def check(self, output: Path) -> None:
-        """Refuse to scale what holds linear values."""
+        """Raise an error if a file of linear values should be scaled."""
         if (self.limits or self.curve) and output.suffix.lower() != ".png":
             raise click.UsageError(
-                f"--limits and --curve scale pictures to look at; {output} holds linear "
-                "values: leave them out, or write .png."
+                f"--limits and --curve apply to PNG files, but {output} holds linear values: leave "
+                "them out, or write .png."
             )
 
 
 def tone(command: Any) -> Any:
     """Add the options of `Tone`."""
     for option in (
-        click.option("--curve", type=Curve(), help="Curve of a PNG from black to white."),
-        click.option("--limits", type=Limits(), help="Values that are black and white in a PNG."),
+        click.option("--curve", type=Curve(), help="Transfer curve of a PNG from black to white."),
+        click.option("--limits", type=Limits(), help="Values shown as black and white in a PNG."),
     ):
         command = option(command)
     return command
@@ -82,12 +82,12 @@ depth_map = click.option(
     "depth_file",
     metavar="FILE",
     type=click.Path(path_type=Path),
-    help="Focus every pixel on its disparity in this map of 'clplen depth'.",
+    help="Disparity map from 'clplen depth'; every pixel is focused on its disparity.",
 )
 
 
 def read_map(path: Path, lf: LightField) -> np.ndarray[Any, Any]:
-    """The disparity of every pixel of the views."""
+    """Read a map with the disparity of every pixel of the views."""
     from clplen.io import read_disparity
 
     values = read_disparity(path)
@@ -101,7 +101,7 @@ def read_map(path: Path, lf: LightField) -> np.ndarray[Any, Any]:
 
 
 class Point(click.ParamType):
-    """Y,X of a pixel; with `depth`, Y,X,D is taken too."""
+    """Pixel Y,X; with ``depth`` also Y,X,D."""
 
     name = "Y,X"
 
@@ -120,18 +120,18 @@ class Point(click.ParamType):
 
 
 def check_output(source: Path, output: Path, layout: dict[str, Any], suffixes: Any) -> None:
-    """Refuse an output that cannot be written, or would replace what is read."""
+    """Reject an output that cannot be written or is an input."""
     check_suffix(output, suffixes)
     check_outputs(source, layout, output)
 
 
 def pixel_of(lf: LightField, point: tuple[float, ...]) -> tuple[int, int]:
-    """The pixel that a point names, inside the views."""
+    """Return the pixel (y, x) of a point, which must lie inside the views."""
     y, x = (round(n) for n in point[:2])
     if not (0 <= y < lf.shape[2] and 0 <= x < lf.shape[3]):
         raise click.UsageError(
-            f"The pixel {point[0]:g},{point[1]:g} lies outside the views: Y is from 0 to "
-            f"{lf.shape[2] - 1}, X from 0 to {lf.shape[3] - 1}."
+            f"The pixel {point[0]:g},{point[1]:g} lies outside the views: Y must be 0 to "
+            f"{lf.shape[2] - 1}, X 0 to {lf.shape[3] - 1}."
         )
     return y, x
 
@@ -146,10 +146,10 @@ def write(
     brightness: bool = True,
     tone: Tone | None = None,
 ) -> str:
-    """Write a picture, and say what is in the file.
+    """Write a picture, and return a description of the values in the file.
 
-    ``upsample`` is how many of its pixels lie on one of a view; None where its axes are others.
-    ``brightness`` says that the values are those of the views, not a variance.
+    ``upsample`` is the number of pixels per pixel of a view; None if the axes are not (y, x).
+    ``brightness`` is False for a variance, True for values on the scale of the views.
     """
     from clplen.io import write_image
 
@@ -161,10 +161,10 @@ def write(
         write_image(output, values, spacing=sizes, description="linear values")
         return "linear float32"
     dtype = lf.dtype if brightness else np.dtype(np.float32)
-    return write_shown(output, values, dtype, srgb=srgb and brightness, tone=tone)
+    return write_preview(output, values, dtype, srgb=srgb and brightness, tone=tone)
 
 
-def write_shown(
+def write_preview(
     output: Path,
     values: np.ndarray[Any, Any],
     dtype: np.dtype[Any],
@@ -172,9 +172,9 @@ def write_shown(
     srgb: bool = False,
     tone: Tone | None = None,
 ) -> str:
-    """Write a picture of 8 bits, to look at, and say how it was scaled.
+    """Write an 8-bit picture for viewing, and return a description of its scaling.
 
-    ``dtype`` is that of the samples it was made of, float32 for what is no brightness.
+    ``dtype`` is the type of the original samples, float32 for values other than brightness.
     """
     from clplen.io import write_picture
     from clplen.io.formats.animation import toned, white_level
@@ -184,12 +184,12 @@ def write_shown(
     curve = tone.curve or ("srgb" if srgb else "linear")
     write_picture(output, toned(values, black, white, curve))
     above = np.count_nonzero(values > white)
-    said = scaled(white, curve, black)
-    return said + (f"; {above} samples are brighter" if above else "")
+    description = describe_scaling(white, curve, black)
+    return description + (f"; {above} samples are brighter" if above else "")
 
 
 def check_film(source: Path, output: Path, layout: dict[str, Any]) -> None:
-    """Refuse a film that cannot be written, before its frames are made."""
+    """Reject a film that cannot be written, before its frames are computed."""
     from clplen.io.formats.animation import FILMS
     from clplen.io.formats.video import encoder
 
@@ -206,32 +206,32 @@ def animate(
     srgb: bool = False,
     seconds: float | None = None,
 ) -> str:
-    """Write pictures (n, y, x[, c]) as a GIF or a film, all scaled alike, and say how."""
+    """Write pictures (n, y, x[, c]) as a GIF or film with one scaling, and return its text."""
     from clplen.io.formats.animation import to_eight_bits, white_level, write_animation
 
     white = white_level(frames, dtype, srgb=srgb)
     drawable(frames[0])
     pictures = [drawable(to_eight_bits(frame, white, srgb=srgb)) for frame in frames]
-    words = {} if seconds is None else {"seconds": seconds}
-    write_animation(output, pictures, **words)
-    return f"{len(pictures)} frames, {scaled(white, 'srgb' if srgb else 'linear')}"
+    timing = {} if seconds is None else {"seconds": seconds}
+    write_animation(output, pictures, **timing)
+    return f"{len(pictures)} frames, {describe_scaling(white, 'srgb' if srgb else 'linear')}"
 
 
-def scaled(white: float, curve: str | float = "linear", black: float = 0.0) -> str:
-    """What was done to values of 8 bits."""
+def describe_scaling(white: float, curve: str | float = "linear", black: float = 0.0) -> str:
+    """Return a description of the scaling to 8 bits."""
     dark = f"{black:.6g} is black, " if black else ""
-    words = {"linear": "", "srgb": ", encoded as sRGB", "log": ", logarithmic"}
-    by = words.get(str(curve), f", gamma {curve}")
-    return f"scaled to look at ({dark}{white:.6g} is white{by}), not to measure"
+    names = {"linear": "", "srgb": ", encoded as sRGB", "log": ", logarithmic"}
+    by = names.get(str(curve), f", gamma {curve}")
+    return f"scaled for viewing ({dark}{white:.6g} is white{by}), not for measurements"
 
 
 def drawable(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """Pictures (..., y, x) or (..., y, x, 3), of one channel without its axis."""
+    """Return pictures (..., y, x) or (..., y, x, 3); drop the axis of a single channel."""
     if values.ndim >= 3 and values.shape[-1] == 1:
         values = values[..., 0]
     if values.ndim == 3 and values.shape[-1] != 3:
         raise ShapeError(
-            f"A picture file holds one or three channels, and this light field has "
-            f"{values.shape[-1]}: take some of them with clplen.LightField in Python."
+            f"A picture file holds one or three channels, but this light field has "
+            f"{values.shape[-1]}: select channels with clplen.LightField in Python."
         )
     return values

@@ -1,4 +1,4 @@
-"""Options of commands from the fields of settings models, and help texts in groups."""
+"""Options of commands generated from settings models, and grouped help texts."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ Model = TypeVar("Model")
 
 
 class Option(click.Option):
-    """An option with the group below which help texts list it."""
+    """Option that belongs to a group of the help text."""
 
-    def __init__(self, *arguments: Any, group: str = "", **words: Any) -> None:
-        super().__init__(*arguments, **words)
+    def __init__(self, *arguments: Any, group: str = "", **attributes: Any) -> None:
+        super().__init__(*arguments, **attributes)
         self.group = group
 
 
 class Command(click.Command):
-    """A command whose help text lists its options in groups, the most used ones first."""
+    """Command whose help text lists its options in groups, the most used group first."""
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options of each group below its heading."""
@@ -39,14 +39,14 @@ class Command(click.Command):
 
 
 class SettingType(click.ParamType):
-    """Values of one setting: text to what Python takes, refused in the words of its rule."""
+    """Parameter type that parses the value of a setting and applies its rule."""
 
-    def __init__(self, one: Setting) -> None:
-        self.one = one
+    def __init__(self, setting: Setting) -> None:
+        self.setting = setting
         self.name = (
-            one.metavar
-            or (f"[{'|'.join(one.choices)}]" if one.choices else "")
-            or {int: "INTEGER", float: "FLOAT"}.get(one.kind, "VALUE")
+            setting.metavar
+            or (f"[{'|'.join(setting.choices)}]" if setting.choices else "")
+            or {int: "INTEGER", float: "FLOAT"}.get(setting.kind, "VALUE")
         )
 
     def get_metavar(self, param: Any, ctx: Any = None) -> str:
@@ -56,19 +56,19 @@ class SettingType(click.ParamType):
         if not isinstance(value, str):
             return value
         try:
-            return self.one.in_metres(self.one.read(_parsed(self.one, value)))
+            return self.setting.in_metres(self.setting.read(_parsed(self.setting, value)))
         except ValueError as error:
-            self.fail(f"{error}, got {format_value(_parsed(self.one, value))}.", param, ctx)
+            self.fail(f"{error}, got {format_value(_parsed(self.setting, value))}.", param, ctx)
 
 
-def _parsed(one: Setting, text: str) -> Any:
-    """Return the number or numbers of a text, a choice in any case, or the text."""
-    for choice in one.choices:
+def _parsed(setting: Setting, text: str) -> Any:
+    """Return the number or numbers in a text, a choice in any case, or the text itself."""
+    for choice in setting.choices:
         if text.lower() == choice.lower():
             return choice
-    if one.pair and ":" in text:
+    if setting.pair and ":" in text:
         return tuple(_number(part) for part in text.split(":"))
-    if one.kind is str and one.check is None:
+    if setting.kind is str and setting.check is None:
         return text
     return _number(text)
 
@@ -85,45 +85,49 @@ def _number(text: str) -> int | float | str:
 def setting_options(
     model: type, *names: str, leave_out: tuple[str, ...] = ()
 ) -> Callable[[Decorated], Decorated]:
-    """Give a command an option for each setting of a model, or for the named ones."""
+    """Return a decorator that adds an option for each setting of a model, or for some names."""
 
     def decorated(command: Decorated) -> Decorated:
-        for one in reversed(settings_of(model)):
-            if one.name not in leave_out and (not names or one.name in names):
-                command = _option(one)(command)
+        for setting in reversed(settings_of(model)):
+            if setting.name not in leave_out and (not names or setting.name in names):
+                command = _option(setting)(command)
         return command
 
     return decorated
 
 
-def _option(one: Setting) -> Callable[[Decorated], Decorated]:
-    flag = f"--{one.key.replace('_', '-')}"
-    help_text = f"{one.help}{f' Default: {one.default_words}.' if one.default_words else ''}"
-    how: dict[str, Any] = {"type": SettingType(one)}
-    if one.kind is bool and one.default is None:
-        flag, how = f"{flag}/--no-{flag[2:]}", {}
-    elif one.kind is bool:
-        how = {"is_flag": True}
-    elif one.kind is Path:
-        how = {"type": click.Path(path_type=Path), "metavar": one.metavar or "FILE"}
-    elif one.pair and " " in one.metavar:
-        how = {"type": int, "nargs": 2, "metavar": one.metavar, "callback": _read_pair(one)}
+def _option(setting: Setting) -> Callable[[Decorated], Decorated]:
+    flag = f"--{setting.key.replace('_', '-')}"
+    default = setting.default_words
+    help_text = f"{setting.help}{f' Default: {default}.' if default else ''}"
+    attributes: dict[str, Any] = {"type": SettingType(setting)}
+    if setting.kind is bool and setting.default is None:
+        flag, attributes = f"{flag}/--no-{flag[2:]}", {}
+    elif setting.kind is bool:
+        attributes = {"is_flag": True}
+    elif setting.kind is Path:
+        metavar = setting.metavar or "FILE"
+        attributes = {"type": click.Path(path_type=Path), "metavar": metavar}
+    elif setting.pair and " " in setting.metavar:
+        callback = _read_pair(setting)
+        attributes = {"type": int, "nargs": 2, "metavar": setting.metavar, "callback": callback}
     return click.option(
-        flag, *one.flags, one.name, default=one.default, help=help_text, group=one.group,
-        cls=Option, **how,
+        flag, *setting.flags, setting.name, default=setting.default, help=help_text,
+        group=setting.group, cls=Option, **attributes,
     )  # fmt: skip
 
 
-def _read_pair(one: Setting) -> Callable[[click.Context, click.Parameter, Any], Any]:
+def _read_pair(setting: Setting) -> Callable[[click.Context, click.Parameter, Any], Any]:
     def callback(ctx: click.Context, param: click.Parameter, value: Any) -> Any:
         try:
-            return one.read(value)
+            return setting.read(value)
         except ValueError as error:
             raise click.BadParameter(f"{error}, got {format_value(value)}.", ctx, param) from None
 
     return callback
 
 
-def take_settings(model: type[Model], given: dict[str, Any]) -> Model:
-    """Take the values of a model out of a command's arguments."""
-    return model(**{one.name: given.pop(one.name) for one in settings_of(model)})
+def take_settings(model: type[Model], arguments: dict[str, Any]) -> Model:
+    """Remove the settings of a model from a command's arguments, and return them as a model."""
+    names = [setting.name for setting in settings_of(model)]
+    return model(**{name: arguments.pop(name) for name in names})

@@ -1,15 +1,25 @@
-/** What makes the picture that is seen: a line for the shell, and lines of Python. */
+/** Code that makes the current picture: a command for the shell, and lines of Python. */
 
 import { isCentred, rounded } from "./law.js";
 
-const quote = (word) => (/^[\w@%+=:,./-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`);
+const isControl = (c) => c < " " || c === "\x7f";
+const escaped = (c) => (isControl(c) ? `\\x${c.charCodeAt(0).toString(16).padStart(2, "0")}` : c.replace(/[\\']/, "\\$&"));
 
-/** A number as a float of Python and of --aperture, with a point. */
+/** A word for the shell; control characters, which a terminal could execute, are escaped. */
+const quote = (word) => {
+  if ([...word].some(isControl)) return `$'${[...word].map(escaped).join("")}'`;
+  return /^[\w@%+=:,./-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`;
+};
+
+/** A file name that no program takes for an option. */
+const file = (name) => (name.startsWith("-") ? `./${name}` : name);
+
+/** A number as text with a decimal point, for Python and --aperture. */
 const float = (x) => (Number.isInteger(x) ? x.toFixed(1) : String(x));
 
 /**
- * The state in terms of the whole light field, of which a page may keep the middle views and means
- * of pixels: {v, u, d, aperture}, aperture being null for all views; null where there is none.
+ * The state in terms of the complete light field, since a page may keep only its central views and
+ * downscaled pixels: {v, u, d, aperture}, with aperture null for all views; null if impossible.
  */
 export function fullState(item, state) {
   const [V, U] = item.shape;
@@ -29,17 +39,18 @@ export function fullState(item, state) {
   return full;
 }
 
-/** The command line that makes the picture of a light field; null where none is known. */
+/** The command that makes the picture of a light field; null if impossible. */
 export function commandOf(item, state, tone) {
   const full = fullState(item, state);
   if (!item.command || !full) return null;
-  const { input, options } = item.command;
+  const { options } = item.command;
+  const input = file(item.command.input);
   const aside = state.shape !== "all" && !isCentred(item, state);
   const byRender = state.shape === "one" || aside;
   const words = ["clplen", byRender ? "render" : "refocus", input, ...options, "-o", "picture.png"];
   if (byRender) words.push("--viewpoint", String(full.v), String(full.u));
   if (full.aperture !== null) words.push("--aperture", full.aperture);
-  if (state.sharp) words.push("--depth-map", item.depth?.file ?? "depth.pfm");
+  if (state.sharp) words.push("--depth-map", file(item.depth?.file ?? "depth.pfm"));
   else words.push("--disparity", String(full.d));
   words.push("--limits", `${tone.black}:${tone.white}`);
   if (tone.curve !== "linear") words.push("--curve", tone.curve === "gamma" ? String(tone.gamma) : tone.curve);
@@ -48,11 +59,11 @@ export function commandOf(item, state, tone) {
   return `${["clplen", "depth", input, ...options, "-o", "depth.pfm"].map(quote).join(" ")}\n${line}`;
 }
 
-/** The same in Python; null where there is no such picture of the whole light field. */
+/** Lines of Python that make the picture; null if impossible. */
 export function pythonOf(item, state) {
   const full = fullState(item, state);
   if (!full) return null;
-  const lines = ["import clplen", "", item.python ?? "lf = ...  # the light field that was shown"];
+  const lines = ["import clplen", "", item.python ?? "lf = ...  # the displayed light field"];
   if (state.sharp)
     lines.push(
       item.depth?.file

@@ -33,6 +33,14 @@ export class CompareView {
     return this.views[0].stage;
   }
 
+  get hints() {
+    return this.views[0].hints;
+  }
+
+  get summary() {
+    return this.views[this.chosen].summary;
+  }
+
   get state() {
     return { ...Object.assign({}, ...this.views.map((view, i) => prefixed(view.state, i))), gain: this.gain };
   }
@@ -69,12 +77,12 @@ export class CompareView {
     const panel = (name, main, text) => element("section", { class: "panel" }, element("h2", {}, name), main, text);
     const differs = panel(`Difference, ${items[1].name} - ${items[0].name}`, element("div", { class: "main" }, this.difference.element), this.said);
     this.main = element("div", { class: "compared" }, ...this.views.map((view, i) => panel(items[i].name, view.main, this.texts[i])), differs);
-    this.gains = slider({ label: "Difference times", min: 1, max: 32, step: 1, onInput: (gain) => {
+    this.gains = slider({ label: "Difference multiplied by", min: 1, max: 32, step: 1, onInput: (gain) => {
       this.gain = Math.max(gain, 0.01);
       this.showDifference();
     } });
     this.gains.set(this.gain);
-    const names = element("div", { class: "buttons", role: "tablist", "aria-label": "Controls of" },
+    const names = element("div", { class: "buttons", role: "tablist", "aria-label": "Input to control" },
       ...items.map((item, i) => element("button", { type: "button", role: "tab", onclick: () => this.choose(i) }, item.name)));
     this.names = names;
     this.own = element("div", {});
@@ -115,7 +123,7 @@ export class CompareView {
     const half = (white - black) / 2 / this.gain;
     const tone = { black: -half, white: half, curve: "linear" };
     this.difference.show(pictureCanvas(difference, a.height, a.width, { stride: 1, channels: 1 }, tone, diverging()));
-    this.said.textContent = `rms ${digits(Math.sqrt(sum / known), 3)}, at most ${digits(most, 3)}; blue is less, red is more`;
+    this.said.textContent = `rms ${digits(Math.sqrt(sum / known), 3)}, maximum ${digits(most, 3)}; blue is negative, red is positive`;
   }
 }
 

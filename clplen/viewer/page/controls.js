@@ -1,8 +1,8 @@
-/** Parts of a page: elements, sliders, fields, buttons. Text goes in as text, never as markup. */
+/** Parts of a page: elements, sliders, fields, buttons. Text is inserted as text, never as markup. */
 
 let counter = 0;
 
-/** An element with attributes, listeners ("onclick") and children. */
+/** Create an element with attributes, listeners ("onclick") and children. */
 export function element(name, attributes = {}, ...children) {
   const made = document.createElement(name);
   for (const [key, value] of Object.entries(attributes)) {
@@ -14,7 +14,7 @@ export function element(name, attributes = {}, ...children) {
   return made;
 }
 
-/** A labelled slider with a field beside it; both say the same number. */
+/** Create a labelled slider with a number field. */
 export function slider({ label, min, max, step, unit = "", title = null, onInput }) {
   const id = `clplen-${++counter}`;
   const range = element("input", { type: "range", id, min, max, step, title });
@@ -37,7 +37,7 @@ export function slider({ label, min, max, step, unit = "", title = null, onInput
   };
 }
 
-/** A labelled field of a number. */
+/** Create a labelled number field. */
 export function numberField({ label, onInput }) {
   const id = `clplen-${++counter}`;
   const field = element("input", { type: "number", id, step: "any" });
@@ -50,7 +50,7 @@ export function numberField({ label, onInput }) {
   };
 }
 
-/** Buttons of which one is chosen: {value: label}. */
+/** Create radio buttons from {value: label}. */
 export function choice({ label, options, onInput }) {
   const name = `clplen-${++counter}`;
   const inputs = {};
@@ -67,7 +67,7 @@ export function choice({ label, options, onInput }) {
   };
 }
 
-/** A labelled list to choose from: {value: label}. */
+/** Create a labelled drop-down list from {value: label}. */
 export function select({ label, options, onInput }) {
   const id = `clplen-${++counter}`;
   const made = element(
@@ -81,7 +81,7 @@ export function select({ label, options, onInput }) {
   };
 }
 
-/** A box that is ticked or not. */
+/** Create a check box. */
 export function checkbox({ label, title = null, onInput }) {
   const box = element("input", { type: "checkbox", onchange: () => onInput(box.checked) });
   const made = element("label", { class: "check", title }, box, label);
@@ -99,17 +99,17 @@ export function button(label, onclick, title = null) {
   return element("button", { type: "button", onclick, title }, label);
 }
 
-/** Controls under a heading. */
+/** Group controls under a heading. */
 export function group(title, ...children) {
   return element("section", { class: "group" }, element("h2", {}, title), ...children);
 }
 
-/** A number with so many digits, as short as it goes. */
+/** Format a number with significant digits, without trailing zeros. */
 export function digits(value, count = 4) {
   return Number.isFinite(value) ? String(Number(value.toPrecision(count))) : "";
 }
 
-/** A length in metres in a unit of which it has 1 to 999. */
+/** Format a length in metres with the unit that gives a number from 1 to 999. */
 export function metres(value, count = 3) {
   if (!Number.isFinite(value)) return "";
   const units = [[1, "m"], [1e-3, "mm"], [1e-6, "\u00b5m"], [1e-9, "nm"]];
@@ -117,7 +117,7 @@ export function metres(value, count = 3) {
   return `${digits(value / size, count)} ${unit}`;
 }
 
-/** Put text on the clipboard; what was done, in words. */
+/** Copy text to the clipboard. */
 export async function copy(text) {
   try {
     await navigator.clipboard.writeText(text);
@@ -125,12 +125,12 @@ export async function copy(text) {
     const area = element("textarea", { class: "hidden" }, text);
     document.body.append(area);
     area.select();
-    document.execCommand("copy"); // where pages of file:// have no clipboard
+    document.execCommand("copy"); // pages of file:// may have no clipboard
     area.remove();
   }
 }
 
-/** Save a canvas as PNG, as it is. */
+/** Save a canvas as PNG. */
 export function savePicture(canvas, name) {
   canvas.toBlob((blob) => {
     const link = element("a", { href: URL.createObjectURL(blob), download: name });

@@ -1,11 +1,11 @@
-/** What the device computes for a light field: its depth, and exact pictures of the whole. */
+/** Controls for computations on the device: depth, and exact pictures of the complete light field. */
 
 import { fullState } from "./commands.js";
 import { button, element, group, savePicture, select } from "./controls.js";
 import { pictureCanvas } from "./display.js";
 import { unpackFloats } from "./source.js";
 
-const CUES = { "": "by default", correspondence: "Correspondence", energy: "Energy", "structure-tensor": "Structure tensor", combined: "Combined" };
+const CUES = { "": "Default", correspondence: "Correspondence", energy: "Energy", "structure-tensor": "Structure tensor", combined: "Combined" };
 const INTERPOLATIONS = { linear: "Linear", cubic: "Cubic", nearest: "Nearest", fourier: "Fourier" };
 const FINER = { 1: "1 x", 2: "2 x", 3: "3 x", 4: "4 x" };
 
@@ -29,17 +29,17 @@ export class DeviceControls {
     this.progress = element("progress", { max: 1, value: 0, hidden: true, "aria-label": "Computation" });
     this.element = group("On the device",
       bind("cue", "Depth cue", CUES),
-      element("div", { class: "buttons" }, button("Find depth", () => this.depth())),
+      element("div", { class: "buttons" }, button("Compute depth", () => this.depth())),
       bind("interpolation", "Interpolation", INTERPOLATIONS),
       bind("finer", "Pixels", FINER, Number),
       element("div", { class: "buttons" },
-        button("Exact picture", () => this.picture(), "Computed from the whole light field, shown over the picture"),
+        button("Exact picture", () => this.picture(), "Compute the picture from the complete light field"),
         button("Save exact PNG", () => this.save())),
       this.progress,
     );
   }
 
-  /** Ask the device; null where a newer request came or it failed, which is said. */
+  /** Send a request to the device; null if a newer request replaced it, or after an error message. */
   async ask(request, channel) {
     const { view, progress } = this;
     try {
@@ -62,11 +62,11 @@ export class DeviceControls {
     const found = await this.ask({ kind: "depth", cue: this.cue || null, downscale: view.item.full.downscale }, "depth");
     if (!found) return;
     await view.takeMap(found.result, { blob: async (n) => found.blobs[n] });
-    view.say("Depth was found: clicks focus by it now.");
+    view.say("The depth map is ready: clicks focus by it.");
     view.change({ depth: true });
   }
 
-  /** Show the exact picture of what is in sight over the drawn one. */
+  /** Show the exact picture of the visible region. */
   async picture({ quiet = false } = {}) {
     const { view } = this;
     const before = this.signature();
@@ -74,7 +74,7 @@ export class DeviceControls {
     if (!made || before !== this.signature()) return null;
     const n = view.item.full.downscale;
     view.stage.cover(made.canvas, made.region.map((end) => end / n));
-    if (!quiet) view.say(`Computed from the whole light field, ${this.interpolation}: the exact picture of what is in sight.`);
+    if (!quiet) view.say(`Exact picture of the visible region, from the complete light field (${this.interpolation}).`);
     return made.canvas;
   }
 
@@ -87,7 +87,7 @@ export class DeviceControls {
     const { view } = this;
     const { state, item, stage } = view;
     const full = fullState(item, state);
-    if (!full) return view.say("The page keeps the middle views only: the whole light field has no such aperture.");
+    if (!full) return view.say("This aperture cannot be computed, because the page keeps the central views only.");
     const { downscale: n, views } = item.full;
     const [y0, y1, x0, x1] = stage.sight.map((end) => end * n);
     const whole = { ...state, v: full.v, u: full.u, d: full.d };
@@ -106,7 +106,7 @@ export class DeviceControls {
     if (made) savePicture(made.canvas, `${this.view.item.name} exact.png`);
   }
 
-  /** Where the page has coarser views than the file, ask for the exact ones of what is in sight. */
+  /** Request the exact picture of the visible region if the page has coarser views than the file. */
   refine() {
     if (this.view.item.full.downscale > 1 && this.view.state.show === "picture") this.picture({ quiet: true });
   }

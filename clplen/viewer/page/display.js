@@ -1,4 +1,4 @@
-/** How values are shown: levels, curve, lookup table, histogram; value and place at the cursor. */
+/** Display of values: levels, curve, lookup table and histogram. */
 
 import { digits, element, group, select, slider } from "./controls.js";
 import { CURVES, histogram, toBytes } from "./tone.js";
@@ -37,7 +37,7 @@ export class ToneControls {
     if (this.counts) this.drawHistogram();
   }
 
-  /** Show how often which value is, of count pixels. */
+  /** Show the histogram of count pixels. */
   show(values, count, stride, channels) {
     this.counts = histogram(values, count, stride, channels, ...this.range);
     this.drawHistogram();
@@ -64,7 +64,7 @@ export class ToneControls {
   }
 }
 
-/** What fits of the black, white and curve of a link, else what is. */
+/** Return the valid levels and curve of a link, else the current ones. */
 export function acceptTone(tone, now) {
   const fits = tone.white > tone.black;
   return {
@@ -75,10 +75,10 @@ export function acceptTone(tone, now) {
   };
 }
 
-/** A number of four digits whose text gives it back. */
+/** Round a number to four digits, so that its text restores it. */
 export const shorten = (x) => Number(x.toPrecision(4));
 
-/** A canvas with a picture of values, each pixel one of the canvas. */
+/** Draw values into a canvas pixel by pixel. */
 export function pictureCanvas(values, height, width, layout, tone, table = null) {
   const canvas = element("canvas", { width, height });
   const bytes = toBytes(values, height * width, layout, tone, table);
@@ -86,7 +86,7 @@ export function pictureCanvas(values, height, width, layout, tone, table = null)
   return canvas;
 }
 
-/** A colour bar between two numbers, in words of `label`. */
+/** Draw a colour bar between two numbers, with a label. */
 export function colourBar(table, low, high, label) {
   const canvas = element("canvas", { width: 256, height: 1, "aria-hidden": "true" });
   const image = new ImageData(256, 1);

@@ -1,13 +1,13 @@
 /**
- * Laws of light fields, as clplen has them: weights of apertures, shifts of views, alpha, metres.
+ * Conventions of clplen for light fields: weights of apertures, shifts of views, alpha, metres.
  *
  * Views are numbered k = v * U + u. Weights are arrays of V * U numbers; steps are pairs (y, x) of
  * pixels from a point's position in the centre view to that in view k, for disparity 1.
  */
 
-const FINE = 2 ** 20; // parts of a pixel to which shifts are rounded, so that 3 * 0.1 is 0.3
+const FINE = 2 ** 20; // shifts are rounded to such parts of a pixel, so that 3 * 0.1 is 0.3
 
-const ROUNDING = 1e-12; // of a cell: what is less is none
+const ROUNDING = 1e-12; // smaller fractions of a cell count as 0
 
 const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
 
@@ -41,7 +41,7 @@ export function discWeights([V, U], [high, wide], [cv, cu]) {
   return weights;
 }
 
-/** So many views across about a centre; without one, the rest (N - N')/2 rounds down below. */
+/** Weights of a square of views around a centre; by default (N - N')/2, rounded down, lie below. */
 export function squareWeights(views, across, centre) {
   const [rows, columns] = views.map((n, axis) => {
     const kept = Math.min(across, n);
@@ -53,7 +53,7 @@ export function squareWeights(views, across, centre) {
   return Float64Array.from(rows.flatMap((row) => columns.map((column) => row * column)));
 }
 
-/** Bilinear weights of the four views round a viewpoint. */
+/** Bilinear weights of the four views around a viewpoint. */
 export function pointWeights(views, at) {
   const [rows, columns] = views.map((n, axis) =>
     Array.from({ length: n }, (_, i) => Math.max(1 - Math.abs(i - at[axis]), 0)),
@@ -62,9 +62,9 @@ export function pointWeights(views, at) {
 }
 
 /**
- * What is summed: weights, and the viewpoint that pictures are registered to.
+ * Weights of the summed views, and the viewpoint that pictures are registered to.
  *
- * state.shape is "one" (a single viewpoint), "disc" (of state.diameter, a share of the views),
+ * state.shape is "one" (a single viewpoint), "disc" (state.diameter, a fraction of the views),
  * "square" (state.across views) or "all". Views of weight 0 are left out, but a single view is
  * shown as it is stored. state.register, a viewpoint (v, u), registers the picture of an
  * aperture to it; state.cubic interpolates as single views do.
@@ -88,7 +88,7 @@ export function weightsOf(item, state) {
   return { weights: own(weights), viewpoint, cubic: Boolean(state.cubic) };
 }
 
-/** Whether the aperture lies in the middle of the views. */
+/** True if the aperture is centred on the views. */
 export function isCentred(item, state) {
   const [v, u] = centreOf(item.shape);
   return state.v === v && state.u === u;
@@ -105,44 +105,44 @@ export function stepsFrom(item, viewpoint) {
   return { steps: item.steps.map(([y, x]) => [y - origin[0], x - origin[1]]), origin };
 }
 
-/** A shift split into whole pixels and a part from 0 to 1; those of cubic taps are rounded first. */
+/** Split a shift into whole pixels and a fraction from 0 to 1; round shifts of cubic taps first. */
 export function split(shift, cubic) {
   const fine = cubic ? Math.round(shift * FINE) / FINE : shift;
   const whole = Math.floor(fine);
   return [whole, fine - whole];
 }
 
-/** alpha = F/F' of a disparity; NaN where it is not known. */
+/** alpha = F/F' of a disparity; NaN if unknown. */
 export function alphaOf(item, disparity) {
   if (!item.alpha) return NaN;
   const scaled = -disparity / item.alpha.ratio;
   return item.alpha.inverse ? 1 / (1 + scaled) : 1 - scaled;
 }
 
-/** Disparity of an alpha; NaN where it is not known. */
+/** Disparity of an alpha; NaN if unknown. */
 export function disparityOfAlpha(item, alpha) {
   if (!item.alpha || !(alpha > 0)) return NaN;
   return -item.alpha.ratio * (item.alpha.inverse ? 1 / alpha - 1 : 1 - alpha);
 }
 
-/** Metres of a disparity, from the plane in focus; NaN where it is not known. */
+/** Distance of a disparity from the plane in focus in metres; NaN if unknown. */
 export function metresOf(item, disparity) {
   const law = item.metres;
   if (!law) return NaN;
   return law.linear ? law.slope * disparity : 1 / (law.offset + law.slope * disparity) - law.object;
 }
 
-/** Disparity of a distance in metres; NaN where it is not known. */
+/** Disparity of a distance in metres; NaN if unknown. */
 export function disparityOfMetres(item, z) {
   const law = item.metres;
   if (!law) return NaN;
   return law.linear ? z / law.slope : (1 / (z + law.object) - law.offset) / law.slope;
 }
 
-/** f-number at the image of a disc, a share of the views; NaN where it is not known. */
+/** Image-side f-number of a disc, a fraction of the views; NaN if unknown. */
 export function fNumberOf(item, diameter) {
   return item.f_number ? item.f_number / diameter : NaN;
 }
 
-/** A number of so many decimals that its text gives it back. */
+/** Round a number to decimals, so that its text restores it. */
 export const rounded = (x, decimals) => Number(x.toFixed(decimals));

@@ -12,22 +12,22 @@ import { barLength, CanvasStage, Stage } from "./stage.js";
 import { lookup } from "./tone.js";
 
 const SHAPES = { one: "One", disc: "Disc", square: "Square", all: "All" };
-const SWING = 0.6; // share of the stage that a drag takes from the first to the last view
-const FRAME = 25; // milliseconds that a picture may take while something moves
-const REST = 150; // milliseconds without a change after which the exact picture is drawn
+const SWING = 0.6; // fraction of the stage between the first and the last view of a drag
+const FRAME = 25; // time limit of a picture during motion, in milliseconds
+const REST = 150; // delay before the exact picture is drawn, in milliseconds
 const OVERLAY = 0.65; // opacity of the depth map
-const EPI_ROW = 6; // pixels of the page for a view in an epipolar-plane image
-const LENS = 90; // pixels across the picture of the lens
-const MONTAGE = 2048; // pixels of the grid of views at most
+const EPI_ROW = 6; // height of a view in an epipolar-plane image, in CSS pixels
+const LENS = 90; // size of the picture of the lens in pixels
+const MONTAGE = 2048; // maximum size of the grid of views in pixels
 
 export class LightFieldView {
   constructor(item, source, { index = 0, link = null, onChange = () => {}, say = () => {} } = {}) {
     Object.assign(this, { item, source, index, onChange, say });
     const [V, U, ny, nx] = item.shape;
-    this.first = [V >> 1, U >> 1]; // the view that is shown first
+    this.first = [V >> 1, U >> 1]; // initial view
     this.state = this.start();
     this.loaded = 0;
-    this.speed = 0; // milliseconds a pixel and view
+    this.speed = 0; // milliseconds per pixel and view
     this.stage = new Stage({
       label: `${item.name}: drag to move the viewpoint, click to focus`,
       size: [ny, nx],
@@ -42,7 +42,7 @@ export class LightFieldView {
     this.build();
   }
 
-  /** The state of a page that has just been opened. */
+  /** Return the initial state. */
   start() {
     const { item, first } = this;
     const { black, white, curve } = item.shown;
@@ -52,7 +52,7 @@ export class LightFieldView {
     };
   }
 
-  /** Take a state, of a link, as far as it fits. */
+  /** Apply the valid parts of a state from a link. */
   take(state) {
     const [V, U] = this.item.shape;
     const within = (x, low, high, decimals) => rounded(Math.min(Math.max(x, low), high), decimals);
@@ -71,6 +71,25 @@ export class LightFieldView {
 
   get ready() {
     return this.loaded === this.item.samples.blobs.length;
+  }
+
+  /** Actions and the sentences that explain them until they were done. */
+  get hints() {
+    return this.state.show === "picture" ? { drag: "Drag to look around.", click: "Click to focus." } : {};
+  }
+
+  /** Viewpoint or aperture, and focus, as a line of text. */
+  get summary() {
+    const { state, item } = this;
+    const [V, U] = item.shape;
+    const at = `(v, u) = (${digits(state.v, 3)}, ${digits(state.u, 3)})`;
+    const shapes = {
+      one: `View ${at} of ${V} x ${U}`,
+      disc: `Disc of ${digits(100 * state.diameter, 3)} % of the views at ${at}`,
+      square: `${state.across} x ${state.across} views at ${at}`,
+      all: `All ${V} x ${U} views`,
+    };
+    return `${shapes[state.shape]}; ${state.sharp ? "all in focus" : `focus at ${this.planeName()}`}`;
   }
 
   // ---- data
@@ -97,7 +116,7 @@ export class LightFieldView {
     this.changed();
   }
 
-  /** Take a depth map, of the page or just computed. */
+  /** Use a depth map, from the page or from the device. */
   async takeMap(depth, source = this.source) {
     const { values, height, width } = await readMap(source, depth.disparity);
     const [ny, nx] = this.stage.size;
@@ -110,9 +129,9 @@ export class LightFieldView {
     this.bar.replaceChildren(colourBar(lookup("viridis"), name(low), name(high), this.item.metres ? "from the plane in focus" : "disparity"));
   }
 
-  // ---- what is seen
+  // ---- drawing
 
-  /** Draw what the state says, coarsely while it moves. */
+  /** Draw the state, with fewer pixels during motion. */
   redraw({ exact = false } = {}) {
     if (!this.loaded || !this.renderer) return;
     const { renderer, stage } = this;
@@ -125,7 +144,7 @@ export class LightFieldView {
       const stride = exact || cost <= FRAME ? 1 : Math.min(Math.ceil(Math.sqrt(cost / FRAME)), 8);
       const start = performance.now();
       const count = renderer.sum(state, { disparity: state.sharp && renderer.hasMap ? null : state.d, stride });
-      renderer.read(renderer.picture, 0, 0, 1, 1); // waits until it is drawn
+      renderer.read(renderer.picture, 0, 0, 1, 1); // waits for the drawing
       this.speed = ((performance.now() - start) * stride * stride) / (ny * nx * count);
       this.drawn = key;
     }
@@ -143,7 +162,7 @@ export class LightFieldView {
     if (!exact) this.rest = setTimeout(() => this.settle(), REST);
   }
 
-  /** What waits until nothing moves: the exact picture, its histogram, its slices. */
+  /** Draw the exact picture, its histogram and its slices when the motion ends. */
   settle() {
     if (!this.ready) return;
     this.redraw({ exact: true });
@@ -156,25 +175,25 @@ export class LightFieldView {
     this.device?.refine();
   }
 
-  /** The exact picture that was drawn last, {values, stride, channels, height, width}, or null. */
+  /** Return the latest exact picture, {values, stride, channels, height, width}, or null. */
   shownPixels() {
     const [height, width] = this.stage.size;
     return this.values ? { values: this.values, stride: 4, channels: Math.min(this.renderer.channels, 3), height, width } : null;
   }
 
-  /** The exact picture of the state. */
+  /** Draw and return the exact picture of the state. */
   pixels() {
     this.settle();
     return this.shownPixels();
   }
 
-  /** The exact picture as it is shown, one canvas pixel each. */
+  /** Return the displayed picture as a canvas, pixel by pixel. */
   picture() {
     const { values, height, width, ...layout } = this.pixels();
     return pictureCanvas(values, height, width, layout, this.state);
   }
 
-  // ---- what the user does
+  // ---- actions of the user
 
   change(changes) {
     Object.assign(this.state, changes);
@@ -200,14 +219,14 @@ export class LightFieldView {
     if (ended) this.from = null;
   }
 
-  /** Put the viewpoint at (v, u); the whole lens has none, and closes to one view. */
+  /** Move the viewpoint to (v, u); a full aperture closes to a single view. */
   moveTo(v, u) {
     const [V, U] = this.item.shape;
     const within = (x, n) => rounded(Math.min(Math.max(x, 0), n - 1), 2);
     this.change({ v: within(v, V), u: within(u, U), shape: this.state.shape === "all" ? "one" : this.state.shape });
   }
 
-  /** Focus on what a pixel shows; opens the aperture if it was closed. */
+  /** Focus on a pixel; open the aperture if it was a single view. */
   focusAt(y, x) {
     const { state, item, renderer } = this;
     const seen = state.shape === "one" ? [state.v, state.u] : null;
@@ -223,13 +242,13 @@ export class LightFieldView {
     return found.disparity;
   }
 
-  /** The opening of before, from the middle. */
+  /** The previous aperture, centred. */
   get opened() {
     const [v, u] = centreOf(this.item.shape);
     return { shape: this.wide ?? "all", v, u };
   }
 
-  /** Focus on a plane; one whole view shows all planes alike, and is opened. */
+  /** Focus on a plane; open the aperture if it is a single view, which looks alike on all planes. */
   focusOn(d) {
     const { shape, v, u } = this.state;
     const isOneView = shape === "one" && Number.isInteger(v) && Number.isInteger(u);
@@ -269,14 +288,14 @@ export class LightFieldView {
     this.alpha = numberField({ label: "alpha = F/F'", onInput: (alpha) => this.setPlane(disparityOfAlpha(item, alpha), "alpha") });
     this.metres = numberField({ label: item.metres?.linear ? "z (\u00b5m)" : "z (mm)", onInput: (z) => this.setPlane(disparityOfMetres(item, z * this.metreUnit), "z") });
     this.sharp = checkbox({ label: "All in focus", title: "Needs a depth map", onInput: (sharp) => this.change({ sharp }) });
-    this.overlay = checkbox({ label: "Depth map over it", title: "Needs a depth map", onInput: (depth) => this.change({ depth }) });
+    this.overlay = checkbox({ label: "Show depth map", title: "Needs a depth map", onInput: (depth) => this.change({ depth }) });
     this.bar = element("div", {});
     for (const box of [this.sharp, this.overlay]) box.disable(true);
-    this.shape = choice({ label: "Opening", options: SHAPES, onInput: (shape) => this.open(shape) });
-    this.diameter = slider({ label: "Diameter", unit: "share of the views", min: 0.05, max: 1, step: 0.01, onInput: (x) => this.change({ diameter: rounded(Math.min(Math.max(x, 0.01), 1), 3) }) });
+    this.shape = choice({ label: "Shape", options: SHAPES, onInput: (shape) => this.open(shape) });
+    this.diameter = slider({ label: "Diameter", unit: "fraction of the views", min: 0.05, max: 1, step: 0.01, onInput: (x) => this.change({ diameter: rounded(Math.min(Math.max(x, 0.01), 1), 3) }) });
     this.across = slider({ label: "Views across", min: 1, max: Math.max(V, U), step: 1, onInput: (x) => this.change({ across: Math.min(Math.max(Math.round(x), 1), Math.max(V, U)) }) });
     this.fNumber = element("p", { class: "said" });
-    this.lens = element("canvas", { width: this.cell * U, height: this.cell * V, class: "lens", role: "img", "aria-label": "Opening on the main lens", style: `aspect-ratio: ${U} / ${V}` });
+    this.lens = element("canvas", { width: this.cell * U, height: this.cell * V, class: "lens", role: "img", "aria-label": "Aperture on the main lens", style: `aspect-ratio: ${U} / ${V}` });
     this.lens.addEventListener("pointerdown", (event) => this.pick(event));
     this.lens.addEventListener("pointermove", (event) => event.buttons && this.pick(event));
     this.v = slider({ label: "Viewpoint v", min: 0, max: V - 1, step: 0.01, onInput: (v) => this.moveTo(v, this.state.u) });
@@ -284,7 +303,7 @@ export class LightFieldView {
     this.tones = new ToneControls({ tone: state, range: item.shown.range, onChange: () => this.changed() });
     const shows = { picture: "Picture", views: "Views", slices: "EPI", ...(item.raw && { raw: "Raw" }) };
     this.shows = choice({ label: "Show", options: shows, onInput: (show) => this.show(show) });
-    this.progress = element("progress", { max: 1, value: 0, "aria-label": "Views that are loaded" });
+    this.progress = element("progress", { max: 1, value: 0, "aria-label": "Loaded views" });
     this.bars = element("div", { class: "scale-bar", hidden: true }, element("span"), element("i"));
     this.slices = element("div", { class: "slices", hidden: true });
     this.grid = new CanvasStage({ label: "All views", size: [V, U], onClick: (y, x) => this.pickView(y, x) });
@@ -300,12 +319,12 @@ export class LightFieldView {
       group("Aperture", this.shape.element, this.diameter.element, this.across.element, this.fNumber, element("div", { class: "lens-row" }, this.lens, element("div", {}, this.v.element, this.u.element))),
       this.device?.element ?? null,
       this.tones.element,
-      group("Take along",
+      group("Export",
         element("div", { class: "buttons" },
-          button("Save PNG", () => this.save(), "The picture as it is shown, pixel by pixel"),
+          button("Save PNG", () => this.save(), "Save the displayed picture pixel by pixel"),
           item.command ? button("Copy as command", () => this.copyText(this.command(), "The command")) : null,
           button("Copy as Python", () => this.copyText(this.python(), "The Python lines")),
-          button("Copy link", () => this.copyText(location.href, "The link to this view")),
+          button("Copy link", () => this.copyText(location.href, "The link")),
         ),
       ),
     );
@@ -334,14 +353,14 @@ export class LightFieldView {
     this.change({ shape, ...moved, ...whole });
   }
 
-  /** Put the viewpoint where the lens is pressed. */
+  /** Move the viewpoint to the pressed position on the lens. */
   pick(event) {
     const [V, U] = this.item.shape;
     const box = this.lens.getBoundingClientRect();
     this.moveTo(((event.clientY - box.top) / box.height) * V - 0.5, ((event.clientX - box.left) / box.width) * U - 0.5);
   }
 
-  /** Show the view that was pressed in the grid. */
+  /** Show the pressed view of the grid. */
   pickView(y, x) {
     const [V, U] = this.item.shape;
     const [high, wide] = this.grid.size;
@@ -352,7 +371,7 @@ export class LightFieldView {
     this.change({ show: show === this.state.show ? "picture" : show });
   }
 
-  /** Bring the controls to the state. */
+  /** Update the controls from the state. */
   refresh() {
     const { item, state } = this;
     this.focus.set(state.d, digits(state.d, 5));
@@ -378,7 +397,7 @@ export class LightFieldView {
     this.slices.hidden = state.show !== "slices";
   }
 
-  /** The weights of the views, white where they count. */
+  /** Draw the weights of the views. */
   drawLens() {
     const [V, U] = this.item.shape;
     const to = this.lens.getContext("2d");
@@ -401,7 +420,7 @@ export class LightFieldView {
     return { lines: [[y, -0.5, y, nx - 0.5], [-0.5, x, ny - 0.5, x]] };
   }
 
-  /** Pixel of the slices. */
+  /** Pixel (y, x) of the slices. */
   cut() {
     return this.stage.cursor ?? this.lastCut ?? this.stage.size.map((n) => n >> 1);
   }
@@ -472,19 +491,19 @@ export class LightFieldView {
     savePicture(this.picture(), `${this.item.name}.png`);
   }
 
-  /** The command line that makes the picture. */
+  /** Return the command that makes the picture. */
   command() {
     return commandOf(this.item, this.state, this.state);
   }
 
-  /** The lines of Python that make it. */
+  /** Return the lines of Python that make the picture. */
   python() {
     return pythonOf(this.item, this.state);
   }
 
   async copyText(text, what) {
     if (text === null) {
-      this.say("The page keeps the middle views only: no aperture of the whole light field is this one.");
+      this.say("This aperture has no command, because the page keeps the central views only.");
       return;
     }
     await copy(text);
@@ -501,7 +520,7 @@ function transposed({ values, height, width }) {
   return { values: turned, height: width, width: height };
 }
 
-/** Circles of the lenslets that are in sight, where they are large enough. */
+/** Circles of the visible lenslets, if they are large enough. */
 function lenslets({ lattice }, stage) {
   if (!lattice || lattice.pitch * stage.scale < 24) return {};
   const { origin, rows, columns, pitch } = lattice;

@@ -1,7 +1,7 @@
 /**
  * Views on the graphics processor: refocused pictures, single views, slices, and their display.
  *
- * A picture is summed as clplen.refocus and LightField.view do it (docs/conventions.md): taps are
+ * A picture is summed as by clplen.refocus and LightField.view (docs/conventions.md): taps are
  * fetched one by one and weighted in float, a sample outside a view counts neither in the sum nor
  * in the weights, and only then come black, white and the curve. Views lie in the layers of one
  * texture array, several below each other where there are more views than layers.
@@ -153,10 +153,10 @@ void main() {
 }`;
 
 const NO_WEBGL =
-  "This browser shows no light fields: it has no WebGL 2 with pictures of floats. Update it, or " +
-  "switch on hardware acceleration.";
+  "This browser has no WebGL 2 with floating-point textures, which light fields need: update it, or " +
+  "enable hardware acceleration.";
 
-/** One light field in a canvas. */
+/** Renderer of a light field in a canvas. */
 export class Renderer {
   constructor(canvas, item) {
     const gl = canvas.getContext("webgl2", { alpha: true, antialias: false, preserveDrawingBuffer: true });
@@ -187,15 +187,15 @@ export class Renderer {
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB8, 256, 1, 0, gl.RGB, gl.UNSIGNED_BYTE, lookup("viridis"));
   }
 
-  /** Room for the views. */
+  /** Allocate the textures of the views. */
   layers() {
     const { gl, V, U, ny, nx } = this;
     const [most, side] = [gl.MAX_ARRAY_TEXTURE_LAYERS, gl.MAX_TEXTURE_SIZE].map((n) => gl.getParameter(n));
     this.stacked = Math.ceil((V * U) / most);
     if (Math.max(ny * this.stacked, nx, 2 * V * U) > side)
       throw new Error(
-        `These ${V} x ${U} views of ${ny} x ${nx} pixels are larger than this graphics processor ` +
-          `takes (${most} layers, ${side} pixels): write the page with --views or --downscale.`,
+        `The ${V} x ${U} views of ${ny} x ${nx} pixels exceed the limits of this graphics processor ` +
+          `(${most} layers, ${side} pixels): write the page with --most-views or --downscale.`,
       );
     const three = this.channels === 3;
     const kinds = {
@@ -211,18 +211,18 @@ export class Renderer {
       gl.texParameteri(gl.TEXTURE_2D_ARRAY, name, gl.NEAREST);
     if (gl.getError())
       throw new Error(
-        `The graphics processor has not the memory for ${V} x ${U} views of ${ny} x ${nx} pixels: ` +
-          "write the page with --views or --downscale.",
+        `The graphics processor has too little memory for ${V} x ${U} views of ${ny} x ${nx} pixels: ` +
+          "write the page with --most-views or --downscale.",
       );
   }
 
-  /** Take view k from its bytes. */
+  /** Upload view k from its bytes. */
   async load(k, bytes) {
     const { gl, nx, ny, kind } = this;
     const integers = this.integers;
     const data = integers ? await unpack16(bytes, nx * this.channels) : await bitmap(bytes);
     if ((integers ? data.length : data.width * data.height * this.channels) !== nx * ny * this.channels)
-      throw new Error(`View ${k} has not ${ny} x ${nx} pixels: the file is damaged.`);
+      throw new Error(`View ${k} must have ${ny} x ${nx} pixels: the file is damaged.`);
     gl.bindTexture(gl.TEXTURE_2D_ARRAY, this.views);
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     gl.pixelStorei(gl.UNPACK_COLORSPACE_CONVERSION_WEBGL, gl.NONE);
@@ -231,7 +231,7 @@ export class Renderer {
     data.close?.();
   }
 
-  /** Take the disparity of every pixel of the centre view. */
+  /** Upload the disparity of every pixel of the centre view. */
   loadMap(values) {
     const { gl } = this;
     gl.bindTexture(gl.TEXTURE_2D, this.map);
@@ -239,7 +239,7 @@ export class Renderer {
     this.hasMap = true;
   }
 
-  /** Values of texels (whole or part of shifts, weights, layers) of the views that count. */
+  /** Return the texels (shifts, weights, layers) of the views with weight. */
   tableOf(state, disparity) {
     const { weights, viewpoint, cubic } = weightsOf(this.item, state);
     const { steps, origin } = stepsFrom(this.item, viewpoint);
@@ -352,7 +352,7 @@ export class Renderer {
     return { values, height, width };
   }
 
-  /** A picture of floats that can be drawn into. */
+  /** Create a floating-point render target. */
   target(height, width) {
     const { gl } = this;
     const made = { texture: texture(gl), buffer: gl.createFramebuffer(), height, width };
@@ -369,7 +369,7 @@ export class Renderer {
   }
 }
 
-/** A texture that is bound, read without interpolation. */
+/** Create and bind a texture without interpolation. */
 function texture(gl) {
   const made = gl.createTexture();
   gl.bindTexture(gl.TEXTURE_2D, made);
@@ -378,7 +378,7 @@ function texture(gl) {
   return made;
 }
 
-/** A program with its uniforms by name. */
+/** Compile a program; return it with its uniforms by name. */
 function program(gl, fragment) {
   const made = gl.createProgram();
   for (const [kind, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, fragment]]) {
@@ -390,7 +390,7 @@ function program(gl, fragment) {
   gl.linkProgram(made);
   if (!gl.getProgramParameter(made, gl.LINK_STATUS)) {
     const logs = gl.getAttachedShaders(made).map((shader) => gl.getShaderInfoLog(shader));
-    throw new Error(`The graphics processor takes no shader: ${[gl.getProgramInfoLog(made), ...logs].join(" ")}`);
+    throw new Error(`The graphics processor rejects a shader: ${[gl.getProgramInfoLog(made), ...logs].join(" ")}`);
   }
   const uniforms = {};
   const at = (name) => (uniforms[name] ??= gl.getUniformLocation(made, name));

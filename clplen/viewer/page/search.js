@@ -1,18 +1,18 @@
-/** Which plane a place in the picture is in focus on, told by sharpness. */
+/** Plane on which a pixel is in focus, by sharpness. */
 
 const PLANES = 33;
-const HALVES = [8, 16, 32]; // of the window, in pixels: the next one where there is too little detail
-const DETAIL = 0.15; // by which the sharpest plane has to exceed the blurred ones
-const REACH = 1.5; // planes to each side of the best one, among which it is looked for once more
-const FLAT = "There is too little detail here to tell the depth by; this is the sharpest plane found.";
+const HALVES = [8, 16, 32]; // half sizes of the window in pixels, tried until it has enough detail
+const DETAIL = 0.15; // minimum excess of the sharpest plane over blurred planes
+const REACH = 1.5; // planes to either side of the best plane in the refinement
+const FLAT = "This region has too little detail to estimate its depth; the sharpest plane is shown.";
 
 /**
- * The disparity at which a window about a pixel is sharpest.
+ * Return the disparity at which a window around a pixel is sharpest.
  *
  * The sharpness is the mean square of the differences of neighbouring pixels of the refocused
  * window, interpolated by cubics: linear interpolation blurs least at whole disparities, and would
- * draw the peak there. `seen` is the viewpoint (v, u) whose picture was pressed, null for the centre.
- * Returns {disparity, note}: what to say where it is not sure.
+ * attract the peak. `seen` is the viewpoint (v, u) of the pressed picture, null for the centre.
+ * Returns {disparity, note}, with a note if the result is uncertain.
  */
 export function sharpestDisparity(renderer, item, place, seen) {
   let best = null;

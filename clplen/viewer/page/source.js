@@ -1,16 +1,16 @@
 /**
- * Where a page has its data from. A source has
+ * Sources of the data of a page. A source has
  *
- *   content          object: what is shown, see the content of clplen.viewer.content
+ *   content          object: title and items of the page
  *   blob(n)          promise of a Uint8Array: part n of the data
- *   canCompute       whether a device answers
+ *   canCompute       true if a device computes
  *   compute(request, channel, onProgress)
- *                    promise of {result, blobs}; rejects with a sentence, or with null where a
- *                    newer request of the same channel came
- *   missing()        a sentence about parts that are not there, or null
+ *                    promise of {result, blobs}; rejects with an error, or with null if a newer
+ *                    request of the channel replaced it
+ *   missing()        sentence about missing parts, or null
  */
 
-/** Bytes of base64. */
+/** Decode base64. */
 function bytesOf(text) {
   if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text);
   const binary = atob(text);
@@ -19,9 +19,9 @@ function bytesOf(text) {
   return bytes;
 }
 
-const INCOMPLETE = "This page is incomplete: parts of its data are missing. Get the file once more.";
+const INCOMPLETE = "This page is incomplete: parts of its data are missing. Download the file again.";
 
-/** Data that stand in the page itself. */
+/** Data embedded in the page. */
 export class EmbeddedSource {
   canCompute = false;
 
@@ -40,14 +40,14 @@ export class EmbeddedSource {
     try {
       bytes = part && bytesOf(part.textContent.trim());
     } catch {
-      // cut off within a group of four characters
+      // truncated within a group of four characters
     }
     if (!bytes || bytes.length !== this.content.sizes[n]) throw new Error(INCOMPLETE);
     return bytes;
   }
 }
 
-/** Data of the server that the page came from. */
+/** Data from the server of the page. */
 export class ServerSource {
   canCompute = true;
 
@@ -63,20 +63,20 @@ export class ServerSource {
     return null;
   }
 
-  /** Tell the server that somebody looks, as long as the page is open. */
+  /** Keep a connection to the server while the page is open. */
   async stayOpen() {
     try {
       const answer = await fetch(`alive?page=${this.page}`);
       const reader = answer.body.getReader();
       while (!(await reader.read()).done);
     } catch {
-      // the server has ended, which the next request says
+      // the server has ended; the next request reports it
     }
   }
 
   async blob(n) {
     const answer = await reach(fetch(`data/${n}`));
-    if (!answer.ok) throw new Error((await answer.text()).trim() || `Part ${n} is not there.`);
+    if (!answer.ok) throw new Error((await answer.text()).trim() || `Part ${n} of the data is missing.`);
     return new Uint8Array(await answer.arrayBuffer());
   }
 
@@ -108,7 +108,7 @@ export class ServerSource {
   }
 }
 
-const ENDED = "clplen view has ended: start it again, or write a page that stands alone by -o page.html.";
+const ENDED = "clplen view has ended: start it again, or write a self-contained page with -o page.html.";
 
 async function reach(promise) {
   try {
@@ -123,7 +123,7 @@ async function inflated(bytes) {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-/** Samples of 16 bits: gzip of row differences, all low bytes first, then all high ones. */
+/** Unpack 16-bit samples: gzip of row differences, first all low bytes, then all high bytes. */
 export async function unpack16(bytes, width) {
   const split = await inflated(bytes);
   const count = split.length / 2;
@@ -135,7 +135,7 @@ export async function unpack16(bytes, width) {
   return samples;
 }
 
-/** A picture of 8 bits as a browser decodes it, colours untouched. */
+/** Decode an 8-bit picture in the browser, without colour management. */
 export function bitmap(bytes) {
   return createImageBitmap(new Blob([bytes]), {
     colorSpaceConversion: "none",
@@ -143,13 +143,13 @@ export function bitmap(bytes) {
   });
 }
 
-/** A map of floats, {values, height, width}. */
+/** Read a map of floats, {values, height, width}. */
 export async function readMap(source, map) {
   const [height, width] = map.shape;
   return { values: await unpackFloats(await source.blob(map.blob)), height, width };
 }
 
-/** Floats: gzip of all first bytes, then all second ones and so on. */
+/** Unpack floats: gzip of all first bytes, then all second bytes, and so on. */
 export async function unpackFloats(packed) {
   const split = await inflated(packed);
   const count = split.length / 4;
@@ -158,4 +158,4 @@ export async function unpackFloats(packed) {
   return new Float32Array(bytes.buffer);
 }
 
-export const MOST = 65534; // the largest level of 16 bits; the next one is NaN
+export const MOST = 65534; // largest 16-bit level; the next level is NaN

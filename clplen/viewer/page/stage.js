@@ -1,16 +1,17 @@
-/** A picture that is zoomed and moved by mouse, touch and keys; what to draw is its owner's. */
+/** A picture that is zoomed and moved by mouse, touch and keys; its owner draws it. */
 
 import { element } from "./controls.js";
 
 const CLICK = 4; // CSS pixels that a click may move
-const STEP = 1.25; // of the zoom by key
-const [LEAST, MOST] = [1, 64]; // of the zoom
+const STEP = 1.25; // factor of the zoom by key
+const [MIN_ZOOM, MAX_ZOOM] = [1, 64];
 
 export class Stage {
   /**
-   * label: of the canvas; size: (y, x) of the picture;
+   * label: name of the canvas; size: (y, x) of the picture;
    * onDraw(), onClick(y, x), onDrag(down, right, ended) in CSS pixels from the start,
-   * onHover(place or null), onKey(event) true where it was used; link: view that stages share.
+   * onHover(place or null), onKey(event) true if it used the key; link: zoom and position that
+   * stages share, with onLook() after a change of zoom and onUse("drag" or "click").
    */
   constructor({ label, size, onDraw, onClick, onDrag, onHover, onKey, link = null }) {
     Object.assign(this, { size, onDraw, onClick, onDrag, onHover, onKey });
@@ -83,7 +84,7 @@ export class Stage {
   /** Zoom by a factor so that a place stays where it is. */
   zoomBy(factor, [y, x] = [this.link.y * this.size[0] - 0.5, this.link.x * this.size[1] - 0.5]) {
     const { link, size } = this;
-    const zoom = Math.min(Math.max(link.zoom * factor, LEAST), MOST);
+    const zoom = Math.min(Math.max(link.zoom * factor, MIN_ZOOM), MAX_ZOOM);
     const share = link.zoom / zoom;
     const [sy, sx] = [(y + 0.5) / size[0], (x + 0.5) / size[1]];
     this.look({ zoom, y: sy + (link.y - sy) * share, x: sx + (link.x - sx) * share });
@@ -158,8 +159,16 @@ export class Stage {
     if (!this.pointers.delete(event.pointerId) || this.pointers.size) return;
     if (event.type === "pointerup" && !this.moved) {
       const place = this.placeOf(event);
-      if (this.isInside(place)) this.onClick?.(...place.map(Math.round));
-    } else if (this.moved && !this.pans) this.onDrag?.(event.clientY - this.start.clientY, event.clientX - this.start.clientX, true);
+      if (this.isInside(place)) this.click(...place.map(Math.round));
+    } else if (this.moved && !this.pans) {
+      this.onDrag?.(event.clientY - this.start.clientY, event.clientX - this.start.clientX, true);
+      this.link.onUse?.("drag");
+    }
+  }
+
+  click(y, x) {
+    this.onClick?.(y, x);
+    this.link.onUse?.("click");
   }
 
   /** Show the cross at a pixel, here and in linked stages. */
@@ -183,12 +192,19 @@ export class Stage {
     else if (arrow && event.altKey) {
       const from = this.cursor ?? this.size.map((n) => Math.floor(n / 2));
       this.hover(from.map((at, axis) => Math.min(Math.max(at + arrow[axis], 0), this.size[axis] - 1)));
-    } else if (event.key === "Enter" && this.cursor) this.onClick?.(...this.cursor);
-    else used = Boolean(this.onKey?.(event, arrow));
+    } else if (event.key === "Enter" && this.cursor) this.click(...this.cursor);
+    else used = this.passKey(event, arrow);
     if (used) {
       event.preventDefault();
       event.stopPropagation();
     }
+  }
+
+  /** Give a key to the owner; an arrow counts as a drag. */
+  passKey(event, arrow) {
+    const used = Boolean(this.onKey?.(event, arrow));
+    if (used && arrow) this.link.onUse?.("drag");
+    return used;
   }
 
   /** Draw the marks: lines [y0, x0, y1, x1] and circles [y, x, radius] in pixels of the picture. */

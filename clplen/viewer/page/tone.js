@@ -1,12 +1,12 @@
-/** From values to colours: black and white levels, curves, lookup tables, histograms. */
+/** Conversion of values to colours: levels, curves, lookup tables, histograms. */
 
 import { TABLES } from "./lookup_tables.js";
 
 export const CURVES = { linear: "Linear", srgb: "sRGB", gamma: "Gamma", log: "Logarithmic" };
 
-const DECADES = 3; // of the logarithmic curve
+const DECADES = 3; // range of the logarithmic curve
 
-/** The curve at t from 0 to 1, as 0 to 1. */
+/** Value of the curve at t, both from 0 to 1. */
 export function curve(t, tone) {
   if (tone.curve === "srgb") return t <= 0.0031308 ? 12.92 * t : 1.055 * t ** (1 / 2.4) - 0.055;
   if (tone.curve === "gamma") return t ** (1 / tone.gamma);
@@ -14,10 +14,10 @@ export function curve(t, tone) {
   return t;
 }
 
-/** Names of the curves as a shader numbers them. */
+/** Names of the curves in the order of their numbers in shaders. */
 export const curveNumber = (tone) => Object.keys(CURVES).indexOf(tone.curve);
 
-/** GLSL of the same curves. */
+/** GLSL of the curves. */
 export const CURVE_GLSL = `
 uniform int curve_number;
 uniform float gamma, black, white;
@@ -29,7 +29,7 @@ float toned(float value) {
   return t;
 }`;
 
-/** A lookup table: 256 colours, three bytes each. */
+/** Return a lookup table: 256 colours of three bytes. */
 export function lookup(name) {
   const table = new Uint8Array(768);
   const hex = TABLES[name];
@@ -41,7 +41,7 @@ export function lookup(name) {
 const isFinite_ = Number.isFinite;
 
 /**
- * RGBA bytes of a picture; values that are not finite become transparent.
+ * Return the RGBA bytes of a picture; values that are not finite become transparent.
  *
  * values: channels numbers a pixel (1, or 3 and more, of which three are shown), stride apart.
  */
@@ -63,7 +63,7 @@ export function toBytes(values, count, { stride, channels }, tone, table = null)
   return bytes;
 }
 
-/** Counts of values between two levels, in so many bins. */
+/** Return the histogram of values between two levels. */
 export function histogram(values, count, stride, channels, low, high, bins = 128) {
   const counts = new Uint32Array(bins);
   const scale = bins / (high - low);

@@ -1,7 +1,7 @@
-/** Tracks over a volume: circles where points are, and lines along the way they came. */
+/** Tracks over a volume: circles at current points, and lines along past positions. */
 
-const NEAR = 1.5; // planes, rows or columns from a slice in which a point is still shown
-const RADIUS = 2.5; // of a circle, in pixels of the picture
+const NEAR = 1.5; // maximum distance of a point from the slice, in planes, rows or columns
+const RADIUS = 2.5; // radius of a circle in pixels of the picture
 const AXES = { z: ["y", "x"], y: ["z", "x"], x: ["y", "z"] }; // rows and columns across an axis
 
 /**

@@ -1,8 +1,8 @@
 /**
- * The viewer: mount(element, source) shows what a source holds (source.js) in an element.
+ * The viewer: mount(element, source) shows the content of a source (source.js) in an element.
  *
- * source.content is {title, items, compare, scores, sizes}; an item is of kind "light field"
- * (light_field.js) or "volume" (volume.js). The state of what is seen lies in the page's hash.
+ * source.content is {title, items, compare, scores, sizes}; an item has the kind "light field"
+ * (light_field.js) or "volume" (volume.js). The page's hash stores the state of the view.
  */
 
 import { CompareView, viewOf } from "./compare.js";
@@ -11,13 +11,13 @@ import { EmbeddedSource, ServerSource } from "./source.js";
 
 const KEYS = [
   ["drag", "move the viewpoint"],
-  ["click, Enter", "focus there, or put the cross"],
+  ["click, Enter", "focus, or move the cross"],
   ["wheel, + and -", "zoom"],
   ["shift + drag or arrows", "move the picture"],
-  ["0", "the whole picture"],
-  ["arrows", "viewpoint, or cross"],
+  ["0", "fit the picture"],
+  ["arrows", "move the viewpoint or the cross"],
   ["alt + arrows", "move the cursor"],
-  ["[ and ]", "focus, or plane"],
+  ["[ and ]", "focus or plane"],
   [", and .", "time"],
   ["a", "all in focus"],
   ["d", "depth map"],
@@ -26,11 +26,13 @@ const KEYS = [
   ["f", "full screen"],
 ];
 const HASH_DELAY = 200; // milliseconds
+const HINTS_KEY = "clplen-hints"; // names of the actions that need no hint any more
 
 /**
- * Show what a source holds; {view, views, ready, end}, ready being a promise and end() letting go.
+ * Show the content of a source; return {view, views, ready, end} with a promise ready and a function
+ * end() that removes the listeners.
  *
- * hash: whether the state is kept in the page's address.
+ * hash: true to store the state in the page's address.
  */
 export function mount(root, source, { hash = true } = {}) {
   root.classList.add("clplen");
@@ -57,7 +59,14 @@ async function show(root, source, viewer, { status, said, hash, signal }) {
   const { content } = source;
   let timer = null;
   let shown = 0;
+  const hint = new Hint();
+  let hovered = "";
+  const describe = () => {
+    hint.show(viewer.view.hints);
+    status.textContent = [viewer.view.summary, hovered].filter(Boolean).join(" \u00b7 ");
+  };
   const write = () => {
+    if (viewer.view) describe();
     clearTimeout(timer);
     if (hash) timer = setTimeout(() => root.isConnected && writeHash(viewer.view, shown), HASH_DELAY);
   };
@@ -78,11 +87,19 @@ async function show(root, source, viewer, { status, said, hash, signal }) {
     shown = index;
     const view = viewer.views[index];
     viewer.view = view;
-    main.replaceChildren(view.main);
+    main.replaceChildren(view.main, hint.element);
     tools.replaceChildren(view.tools);
     for (const [i, tab] of [...tabs.children].entries()) tab.setAttribute("aria-selected", i === index);
-    view.onHover ??= (text) => (status.textContent = text);
+    hovered = "";
+    view.onHover ??= (text) => {
+      hovered = text;
+      describe();
+    };
     view.stage.link.onLook = write;
+    view.stage.link.onUse = (action) => {
+      hint.finish(action);
+      describe();
+    };
     if (!view.begun) {
       view.begun = true;
       await view.load();
@@ -117,7 +134,40 @@ async function show(root, source, viewer, { status, said, hash, signal }) {
   await choose(hash ? readHash(viewer.views) : 0);
 }
 
-/** Whether a key is for the picture: not what is typed into a field, nor what presses or moves a control. */
+/** A line over the picture that explains actions until each was done once, in any page of this browser. */
+class Hint {
+  constructor() {
+    this.finished = new Set(stored());
+    this.element = element("p", { class: "hint", hidden: true });
+  }
+
+  /** Show the sentences of the actions that were not done yet: {action: sentence}. */
+  show(hints) {
+    const open = Object.entries(hints).filter(([action]) => !this.finished.has(action));
+    this.element.hidden = open.length === 0;
+    this.element.textContent = [...open.map(([, sentence]) => sentence), "Press ? for all keys."].join(" ");
+  }
+
+  finish(action) {
+    this.finished.add(action);
+    try {
+      localStorage.setItem(HINTS_KEY, JSON.stringify([...this.finished]));
+    } catch {
+      // storage is disabled, or a frame without an address of its own
+    }
+  }
+}
+
+function stored() {
+  try {
+    const names = JSON.parse(localStorage.getItem(HINTS_KEY) ?? "[]");
+    return Array.isArray(names) ? names : [];
+  } catch {
+    return [];
+  }
+}
+
+/** True if a key is for the picture: not typed into a field, and not used by a control. */
 function takesKey({ key, target }) {
   const control = target.closest?.("input, select, textarea, button");
   if (!control) return true;
@@ -162,14 +212,14 @@ function readHash(views) {
 export function start(root) {
   const holder = document.getElementById("clplen-content");
   if (!holder) {
-    root.textContent = "This page is incomplete: it has no data. Get the file once more.";
+    root.textContent = "This page is incomplete: it has no data. Download the file again.";
     return null;
   }
   try {
     const content = JSON.parse(holder.textContent);
     return mount(root, content.server ? new ServerSource(content) : new EmbeddedSource());
   } catch {
-    root.textContent = "This page is incomplete: its data are cut off. Get the file once more.";
+    root.textContent = "This page is incomplete: its data are truncated. Download the file again.";
     return null;
   }
 }

@@ -8,8 +8,8 @@ import { CanvasStage, SectionStage } from "./stage.js";
 import { lookup } from "./tone.js";
 import { trackMarks } from "./track_marks.js";
 
-const LEAST_DEPTH = 0.12; // height of a section along z, as a share of the picture's, at least
-const MOST_DEPTH = 0.94; // of the room for it, at most
+const LEAST_DEPTH = 0.12; // minimum height of a section along z, as a fraction of the picture's
+const MOST_DEPTH = 0.94; // maximum fraction of the available height
 const TABLES = { grey: "Grey", viridis: "Viridis", magma: "Magma" };
 
 export class VolumeView {
@@ -24,7 +24,7 @@ export class VolumeView {
     };
     this.frames = new Map();
     this.stage = new CanvasStage({
-      label: `${item.name}: click to put the cross`,
+      label: `${item.name}: click to move the cross`,
       size: [this.ny, this.nx],
       link,
       onMarks: (stage) => {
@@ -39,7 +39,7 @@ export class VolumeView {
     this.build();
   }
 
-  /** Take a state, of a link, as far as it fits. */
+  /** Apply the valid parts of a state from a link. */
   take(state) {
     const within = (x, n) => Math.min(Math.max(Math.round(x), 0), n - 1);
     Object.assign(this.state, acceptTone(state, this.state), {
@@ -56,6 +56,19 @@ export class VolumeView {
     return this.frames.has(this.state.t);
   }
 
+  /** Actions and the sentences that explain them until they were done. */
+  get hints() {
+    return this.Z > 1 ? { click: "Click to move the cross." } : {};
+  }
+
+  /** Size and position as a line of text. */
+  get summary() {
+    const { T, Z, ny, nx, state } = this;
+    const size = `${Z > 1 ? `${Z} planes of ` : ""}${ny} x ${nx} pixels`;
+    const time = T > 1 ? `, time ${state.t} of 0 to ${T - 1}` : "";
+    return Z > 1 ? `${size}${time}; ${this.planeName()}, cross at y ${state.y}, x ${state.x}` : `${size}${time}`;
+  }
+
   // ---- data
 
   async load() {
@@ -63,21 +76,21 @@ export class VolumeView {
     this.changed();
   }
 
-  /** The planes of a time, as arrays of 16 bits. */
+  /** Load the planes of a time as 16-bit arrays. */
   async frame(t) {
     if (this.frames.has(t)) return;
     const planes = new Array(this.Z);
     this.progress.hidden = false;
     for (let z = 0; z < this.Z; z += 1) {
       planes[z] = await unpack16(await this.source.blob(this.item.samples.blobs[t * this.Z + z]), this.nx * this.channels);
-      if (planes[z].length !== this.ny * this.nx * this.channels) throw new Error(`Plane ${z} is damaged: it has not ${this.ny} x ${this.nx} pixels.`);
+      if (planes[z].length !== this.ny * this.nx * this.channels) throw new Error(`Plane ${z} is damaged: it must have ${this.ny} x ${this.nx} pixels.`);
       this.progress.value = (z + 1) / this.Z;
     }
     this.progress.hidden = true;
     this.frames.set(t, planes);
   }
 
-  /** Height in pixels of the picture that a plane has in sections along z, as far as there is room. */
+  /** Height of a plane in sections along z, in pixels of the picture, limited by the available space. */
   get thickness() {
     const { spacing } = this.item;
     const known = spacing?.[0] ? Math.abs(spacing[0] / spacing[1]) : 1;
@@ -85,7 +98,7 @@ export class VolumeView {
     return Math.min(Math.max(known * this.Z, LEAST_DEPTH * Math.min(this.ny, this.nx)), MOST_DEPTH * room) / this.Z;
   }
 
-  /** Paint the sections, whose size follows that of the picture. */
+  /** Paint the sections, scaled like the picture. */
   paintSections() {
     const { Z, ny, nx, thickness } = this;
     if (Z === 1 || !this.front.source) return;
@@ -93,7 +106,7 @@ export class VolumeView {
     this.side.show(this.side.source, [ny, Z * thickness]);
   }
 
-  /** Values of a slice or projection across an axis: {values, height, width}. */
+  /** Return a slice or projection across an axis: {values, height, width}. */
   section(axis) {
     const { Z, ny, nx, channels } = this;
     const planes = this.frames.get(this.state.t);
@@ -120,7 +133,7 @@ export class VolumeView {
     return { values, height, width, stride: channels, channels: Math.min(channels, 3) };
   }
 
-  // ---- what is seen
+  // ---- drawing
 
   changed() {
     this.refresh();
@@ -155,7 +168,7 @@ export class VolumeView {
     return this.channels === 1 && this.state.table !== "grey" ? lookup(this.state.table) : null;
   }
 
-  /** The slice: {values, stride, channels, height, width}, or null. */
+  /** Return the slice, {values, stride, channels, height, width}, or null. */
   shownPixels() {
     return this.values ?? null;
   }
@@ -168,7 +181,7 @@ export class VolumeView {
     return this.shown;
   }
 
-  /** Lines of the cross, and tracks, as the stage across an axis shows them. */
+  /** Return the lines of the cross and the tracks for the stage across an axis. */
   cross(axis) {
     const { state, thickness, Z, ny, nx } = this;
     const place = (name, value) => (name === "z" ? (value + 0.5) * thickness - 0.5 : value);
@@ -185,7 +198,7 @@ export class VolumeView {
     return marks;
   }
 
-  // ---- what the user does
+  // ---- actions of the user
 
   change(changes) {
     Object.assign(this.state, changes);
@@ -231,9 +244,9 @@ export class VolumeView {
     this.sliders = { t: axis("Time", "t", T), z: axis("Plane", "z", Z), y: axis("y", "y", ny), x: axis("x", "x", nx) };
     this.sliders.t.show(T > 1);
     this.plane = element("p", { class: "said" });
-    this.projection = choice({ label: "Across each axis", options: { slice: "Slice", maximum: "Maximum" }, onInput: (projection) => this.change({ projection }) });
+    this.projection = choice({ label: "Projection", options: { slice: "Slice", maximum: "Maximum" }, onInput: (projection) => this.change({ projection }) });
     this.tones = new ToneControls({ tone: state, range: item.shown.range, tables: this.channels === 1 ? TABLES : null, onChange: () => this.changed() });
-    this.progress = element("progress", { max: 1, value: 0, "aria-label": "Planes that are loaded" });
+    this.progress = element("progress", { max: 1, value: 0, "aria-label": "Loaded planes" });
     this.bars = element("div", { class: "scale-bar", hidden: true }, element("span"), element("i"));
     this.bar = element("div", {});
     const cut = (name, along, label, onClick) => {
@@ -249,12 +262,12 @@ export class VolumeView {
     this.tools = element(
       "div",
       { class: "tools" },
-      Z > 1 ? group("Place", this.sliders.t.element, this.sliders.z.element, this.plane, this.sliders.y.element, this.sliders.x.element, this.projection.element) : null,
+      Z > 1 ? group("Position", this.sliders.t.element, this.sliders.z.element, this.plane, this.sliders.y.element, this.sliders.x.element, this.projection.element) : null,
       this.tones.element,
       this.bar,
-      group("Take along",
+      group("Export",
         element("div", { class: "buttons" },
-          button("Save PNG", () => savePicture(this.picture(), `${item.name}.png`), "The slice as it is shown, pixel by pixel"),
+          button("Save PNG", () => savePicture(this.picture(), `${item.name}.png`), "Save the displayed slice pixel by pixel"),
           button("Copy as Python", () => this.copyPython()),
           button("Copy link", () => this.copyLink()),
         ),
@@ -275,12 +288,12 @@ export class VolumeView {
   }
 
   async copyPython() {
-    await copy(`import clplen\n\n${this.item.python ?? "data = ...  # what was shown"}\n`);
+    await copy(`import clplen\n\n${this.item.python ?? "data = ...  # the displayed data"}\n`);
     this.say("The Python lines are on the clipboard.");
   }
 
   async copyLink() {
     await copy(location.href);
-    this.say("The link to this view is on the clipboard.");
+    this.say("The link is on the clipboard.");
   }
 }

@@ -1,4 +1,4 @@
-/** The viewer in a notebook, whose kernel has the data and computes (anywidget's protocol). */
+/** The viewer in a notebook, with data and computations in the kernel (anywidget's protocol). */
 
 import { mount } from "./viewer.js";
 
@@ -42,7 +42,7 @@ class ModelSource {
   }
 }
 
-/** Show a model in an element of a notebook. */
+/** Render a model in an element of a notebook. */
 export function render({ model, el }) {
   const root = document.createElement("div");
   root.style.height = `${model.get("height")}px`;

@@ -78,9 +78,9 @@ def test_project_is_the_projection(tmp_path: Path, psf: Path, projector: Project
     np.save(tmp_path / "odd.npy", volume[:, 1:])
     np.save(tmp_path / "minus.npy", -volume)
     for name, message in (
-        ("w.tif", "lies at z = -1.5 um, that of the point images at -2.5 um"),
+        ("w.tif", "lies at z = -1.5 um, but at -2.5 um in the point images"),
         ("few.npy", "has 2 planes, the point images have 3"),
-        ("odd.npy", "no whole number of lenslets of 3 x 3"),
+        ("odd.npy", "a whole number of lenslets of 3 x 3"),
         ("minus.npy", "has 2 voxels that are negative"),
     ):
         assert message in said(run("project", tmp_path / name, *words))
@@ -112,7 +112,7 @@ def test_a_series_that_was_ended_goes_on(
     assert "b.tif: The frame of shape (20, 30) has no whole number of lenslets" in said(run(*words))
     first = (tmp_path / "a.ome.tif").read_bytes()
     tifffile.imwrite(second, tifffile.imread(frame))
-    assert "a.ome.tif is there already" in done(run(*words)).output
+    assert "a.ome.tif is up to date" in done(run(*words)).output
     assert (tmp_path / "a.ome.tif").read_bytes() == first
     resumed, about = read_volume(tmp_path / "b.ome.tif")
     later = describe_series(tmp_path / "a.ome.tif")["residuals"][-1]
@@ -247,13 +247,13 @@ def test_background_is_that_of_a_pixel_of_the_camera(device: Device) -> None:
 
 
 BAD: list[tuple[list[str], str, int]] = [
-    (["a.tif", "-o", "v.png"], "The output ends in .tif or .tiff or .zarr", 2),
-    (["a.tif", "-o", "a.tif"], "is one of the files that are read", 2),
+    (["a.tif", "-o", "v.png"], "The output must end in .tif or .tiff or .zarr", 2),
+    (["a.tif", "-o", "a.tif"], "is one of the input files", 2),
     (["a.tif", "-o", "a.tif/v.tif"], "is to be a folder, but there is a file", 1),
     (["a.tif", "-o", "noise.tif"], "is there already, and clplen did not write it", 1),
     (["volume.tif", "-o", "v.tif"], "is a volume, as clplen writes them", 1),
     (["a.tif", "-o", "v.tif", "-c", "known.toml"], "make them by 'clplen microscope psf", 1),
-    (["a.tif", "-o", "v.tif", "--memory", "1"], "--memory is at least 1MiB", 2),
+    (["a.tif", "-o", "v.tif", "--memory", "1"], "--memory must be at least 1MiB", 2),
     (["a.tif", "-o", "v.tif", "--white", "noise.tif", "--saturation", "9"],
      "12,600 of 12,600 pixels of the white frame are saturated (9 or more)", 1),
     (["a.tif", "-o", "v.tif", "--dark", "bright.tif"], "is brighter than the frame", 1),
@@ -328,7 +328,7 @@ def test_force_takes_a_doubtful_white_frame(
     def reached(*_: object, **__: object) -> None:
         raise FormatError("the white frame was taken")
 
-    monkeypatch.setattr("clplen.cli.microscopy.microscope._simulated", reached)
+    monkeypatch.setattr("clplen.cli.microscopy.microscope._simulate", reached)
     assert "or --force to go on" in said(run(*words))
     with warnings.catch_warnings():
         warnings.simplefilter("always")

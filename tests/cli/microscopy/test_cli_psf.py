@@ -30,18 +30,18 @@ def test_bad_microscopes(tmp_path: Path, device: Device) -> None:
         (
             "wavelength = 593",
             "wavelength = 0.593",
-            "is in nm here, from 150 to 3000: did you mean 593? (got 0.593)",
+            "must be 150 to 3000 nm: did you mean 593? (got 0.593)",
         ),
-        ("pixel_size = 6.666666667", "pixel_size = 65", "pixel_size gives a lenslet 1.54 pixels"),
+        ("pixel_size = 6.666666667", "pixel_size = 65", "pixels per lenslet by pixel_size is 1.54"),
         ("ulens_focal_length = 2500", "ulens_focal_length = 2.5", "did you mean 2500?"),
-        ("na = 1.2", "na = 12", "na lies between 0.01 and 1.8, got 12"),
+        ("na = 1.2", "na = 12", "na must be 0.01 to 1.8, got 12"),
         ("medium_index = 1.33\n", " ", "medium_index is missing"),
-        ("apodisation = 0.4", "[camera]", "has magnification beside [camera]: give all in"),
+        ("apodisation = 0.4", "[camera]", "has magnification beside [camera]: put all"),
     ]:
         (tmp_path / "k.toml").write_text(KNOWN.replace(old, new))
         result = run("psf", tmp_path / "k.toml", "-o", tmp_path / "p.h5", "--device", device.place)
         code = 2 if not new else 1
-        assert message.replace("nor", "tell the planes") in said(result, code)
+        assert message.replace("nor", "set the planes") in said(result, code)
         assert not (tmp_path / "p.h5").exists()
 
 
@@ -53,7 +53,7 @@ def test_pixels_are_divided_by_the_apertures(tmp_path: Path, device: Device) -> 
         assert (file.pixels, file.binning) == (pytest.approx(100 / size), parts)
     words = ("--binning", 2, "--planes-um", "0:2:2", "-o", tmp_path / "p.h5")
     message = said(run("psf", tmp_path / "k.toml", *words, "--device", device.place), 2)
-    assert "--binning 2 does not sample the light, which takes at least 3 x 3 parts" in message
+    assert "--binning must be at least 3 to sample the light, got 2" in message
 
 
 def test_units_of_a_camera_file(tmp_path: Path) -> None:
@@ -61,15 +61,15 @@ def test_units_of_a_camera_file(tmp_path: Path) -> None:
         (
             "wavelength_nm = 593",
             "wavelength_nm = 0.593",
-            "camera.wavelength_nm = 0.593 is in nm here, from 150 to 3000: did you mean 593?",
+            "camera.wavelength_nm is 0.593; it must be 150 to 3000 nm: did you mean 593?",
         ),
-        ("focal_length_mm = 2.5", "focal_length_mm = 2500", "focal_length_mm = 2500 is in mm here"),
-        ("pixels_per_lenslet = 15", "pixels_per_lenslet = 1.5", "lies between 3 and 1000"),
+        ("focal_length_mm = 2.5", "focal_length_mm = 2500", "is 2500; it must be 0.01 to 200 mm"),
+        ("pixels_per_lenslet = 15", "pixels_per_lenslet = 1.5", "must be 3 to 1000"),
         ("tube_lens_mm = 200", "tube_lens_mm = 0.2", "did you mean 200?"),
     ]:
         text = CAMERA.replace("apodisation", "tube_lens_mm = 200\napodisation")
         (tmp_path / "k.toml").write_text(text)
-        assert read_microscope_file(tmp_path / "k.toml").taken == ()
+        assert read_microscope_file(tmp_path / "k.toml").assumptions == ()
         (tmp_path / "k.toml").write_text(text.replace(old, new))
         with pytest.raises(FormatError) as error:
             read_microscope_file(tmp_path / "k.toml")
@@ -78,16 +78,16 @@ def test_units_of_a_camera_file(tmp_path: Path) -> None:
 
 def test_what_is_taken_is_said(tmp_path: Path) -> None:
     (tmp_path / "k.toml").write_text(CAMERA.replace("medium_index = 1.33\n", ""))
-    index, tube = read_microscope_file(tmp_path / "k.toml").taken
-    assert "medium_index is not given: 1 is taken (air" in index
-    assert "tube_lens_mm is not given: 200 is taken" in tube
+    index, tube = read_microscope_file(tmp_path / "k.toml").assumptions
+    assert "medium_index is not given; the default is 1 (air" in index
+    assert "tube_lens_mm is not given; the default is 200" in tube
     (tmp_path / "k.toml").write_text(KNOWN.replace("na =", "cover = {thickness_um = 150}\nna ="))
     file = read_microscope_file(tmp_path / "k.toml")
     assert file.camera.cover is not None
     assert file.camera.cover.thickness_um == 150
-    assert [sentence.split()[0] for sentence in file.taken] == ["tubelens_focal_length"]
+    assert [sentence.split()[0] for sentence in file.assumptions] == ["tubelens_focal_length"]
     (tmp_path / "k.toml").write_bytes(b"II*\0\xfe\x01")
-    with pytest.raises(FormatError, match="is no text, so no TOML"):
+    with pytest.raises(FormatError, match="is not a text file"):
         read_microscope_file(tmp_path / "k.toml")
     (tmp_path / "k.toml").write_text('output = "out"')
     with pytest.raises(FormatError, match=r"has neither .* nor .* 'clplen microscope psf"):
@@ -100,7 +100,7 @@ def test_the_example_is_the_vesicle(tmp_path: Path, psf: Path, device: Device) -
     (tmp_path / "guv.toml").write_text(done(run("psf", "--example")).output)
     file = read_microscope_file(tmp_path / "guv.toml")
     assert (file.camera.na, file.camera.medium_index, file.camera.wavelength_nm) == (1.2, 1.35, 593)
-    assert (file.pixels, file.slices, file.taken) == (pytest.approx(100 / 6.5), 20, ())
+    assert (file.pixels, file.slices, file.assumptions) == (pytest.approx(100 / 6.5), 20, ())
     info = CliRunner().invoke(main, ["info", str(tmp_path / "guv.toml"), "--device", device.place])
     assert "light-field range          14.8696 um" in done(info).output
     info = CliRunner().invoke(main, ["info", str(psf)])
@@ -125,7 +125,7 @@ def test_planes_are_told_from_the_objective_on(
     result = run("psf", tmp_path / "k.toml", *words)
     # tan = 1.2/sqrt(1.33^2 - 1.2^2): M z tan/p = 502.2; .94 lam M z/d = 133.8 um
     assert "1 of 2 planes lie more than 2 light-field ranges" in result.stderr
-    assert "a point covers 1007 x 1007 lenslets, and no detail below 134 um" in result.stderr
+    assert "a point covers 1007 x 1007 lenslets, and the resolution is 134 um" in result.stderr
     assert (result.exit_code, "Interrupted" in result.stderr) == (130, True)
 
 

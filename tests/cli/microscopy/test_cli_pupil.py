@@ -107,8 +107,8 @@ def test_bad_words(folder):
         (("scope.toml", "-c", "scope.toml", *WORDS), "scope.toml"),
         (("odd.tif", "-c", "scope.toml", *WORDS), "odd.tif"),
         (("beads.tif", "-c", "piston.toml", *WORDS), "piston"),
-        (("beads.tif", "-c", "hexagons.toml", *WORDS), "hexagons.toml are hexagonal, whose frames"),
-        (("beads.tif", "-c", "two.toml", *WORDS), "two.toml are of several focal lengths, whose"),
+        (("beads.tif", "-c", "hexagons.toml", *WORDS), "hexagons.toml are hexagonal: use a square"),
+        (("beads.tif", "-c", "two.toml", *WORDS), "two.toml are of several focal lengths: use"),
     ]:
         tifffile.imwrite(folder / "odd.tif", np.ones((50, 61), np.uint16))
         hexagons = CAMERA.replace("fill =", 'lattice = "hexagonal"\nfill =')

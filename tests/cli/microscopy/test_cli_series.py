@@ -55,7 +55,7 @@ def test_one_file_of_all_frames(tmp_path: Path, folder: Path, device: Device, en
     out = tmp_path / f"s.{ending}"
     result = done(run(*words_of(folder, device, "-o", out, "--preview", tmp_path / "p.png")))
     assert "holds 5 volumes of 3 x 18 x 21 voxels" in result.output
-    assert "frames a second, 2 together" in result.output
+    assert "in groups of 2" in result.output
     found = volumes_in(out)
     assert [int(one.argmax() % 21) for one in found] == [5, 7, 9, 11, 13]
     words = ["deconvolve", folder / "frame3.tif", "-c", folder / "psf.h5", "--iterations", 3]
@@ -69,7 +69,7 @@ def test_one_file_of_all_frames(tmp_path: Path, folder: Path, device: Device, en
     assert is_volume(out)
     assert (tmp_path / "p.png").read_bytes()[:4] == b"\x89PNG"
     stamp = out.stat().st_mtime_ns
-    assert "of the same frames and words" in done(run(*words_of(folder, device, "-o", out))).output
+    assert "is up to date" in done(run(*words_of(folder, device, "-o", out))).output
     assert out.stat().st_mtime_ns == stamp
     assert [path.name for path in tmp_path.iterdir() if path.name[0] == "."] == []
 
@@ -110,7 +110,7 @@ def test_kill_and_resume_lose_nothing(
     assert out.exists() == (ending == "ome.zarr")  # whole time points, at any moment
     assert count_whole(out) == 2
     part = volumes_in(out)
-    assert "goes on after 2 of 5 frames" in fresh(words).stdout
+    assert "continues after 2 of 5 frames" in fresh(words).stdout
     assert np.array_equal(volumes_in(out)[:2], part)
     assert np.array_equal(volumes_in(out), volumes_in(whole))
     assert series_in(out) == series_in(whole)
@@ -161,7 +161,7 @@ def test_other_words_and_frames_are_refused(tmp_path: Path, folder: Path, device
     ):
         text_said = said(run(*words_of(folder, device, "-o", out, *more)))
         assert text in text_said
-        assert "--force makes all of them anew" in text_said
+        assert "recompute all volumes with --force" in text_said
     assert np.array_equal(volumes_in(out), before)
     done(run(*words_of(folder, device, "-o", out, "--iterations", 4, "--force")))
     assert not np.allclose(volumes_in(out), before)
@@ -172,9 +172,9 @@ def test_what_is_refused_before_anything_is_written(
 ) -> None:
     out = tmp_path / "s.ome.zarr"
     for more, code, text in (
-        (("-o", tmp_path / "s.png"), 2, "ends in .tif or .tiff or .zarr"),
-        (("-o", out, "--preview", tmp_path / "p.jpg"), 2, "ends in .png"),
-        (("-o", out, "--warm-start", "--start", "limited"), 2, "--warm-start is --start previous"),
+        (("-o", tmp_path / "s.png"), 2, "end in .tif or .tiff or .zarr"),
+        (("-o", out, "--preview", tmp_path / "p.jpg"), 2, "end in .png"),
+        (("-o", out, "--warm-start", "--start", "limited"), 2, "--warm-start means --start"),
         (("-o", out, "--motion-um", 1), 2, "--motion-um needs --start limited"),
         (("-o", tmp_path / "{name}.tif"), 2, "--batch needs a series of frames in one file"),
         (("-o", out, "--prior", "time", "--strength", 0), 2, "must be a positive number, got 0"),

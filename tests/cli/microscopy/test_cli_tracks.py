@@ -83,7 +83,7 @@ def test_tracks_of_one_file_and_of_several(tmp_path: Path, series: Path) -> None
     words = ("--regions", "--motion", "straight", "--shortest", 4)
     text = done("track", series, "-o", out, "--step-um", 3, *words)
     assert "2 tracks of 8 regions" in text
-    assert "one frame only" in run("track", series, "-o", out, "--step-um", "0.01").stderr
+    assert "a single frame" in run("track", series, "-o", out, "--step-um", "0.01").stderr
 
 
 def test_regions_and_traces(tmp_path: Path, series: Path) -> None:
@@ -125,12 +125,14 @@ def test_views(tmp_path: Path, series: Path) -> None:
 def test_what_has_no_places(tmp_path: Path, series: Path) -> None:
     np.save(tmp_path / "a.npy", volume(0))
     one, out = tmp_path / "a.npy", tmp_path / "o.csv"
-    asked = "does not say how far its planes are apart: give --voxel-um Z,Y,X"
+    asked = "does not store the distance of its planes: give --voxel-um Z,Y,X"
     assert asked in said("points", one, "-o", out)
     tifffile.imwrite(tmp_path / "f.tif", volume(0)[0])
-    assert "how large its voxels are" in said("points", tmp_path / "f.tif", "-o", out)
+    assert "size of its voxels" in said("points", tmp_path / "f.tif", "-o", out)
     for text in ("1,2", "0,1,1", "a,b,c"):
-        assert "in micrometres, as 2,0.5,0.5" in said("points", one, "-o", out, "--voxel-um", text)
+        assert "in micrometres: give for example 2,0.5,0.5" in said(
+            "points", one, "-o", out, "--voxel-um", text
+        )
     assert not out.exists()
 
 
@@ -143,17 +145,15 @@ def test_bad_volumes(tmp_path: Path, series: Path) -> None:
     assert "297 samples are NaN" in said("regions", tmp_path / "nan.npy", "-o", out, *words)
     text = said("track", tmp_path / "later.npy", "-o", out, "--step-um", 1, *words)
     assert "Volume 1: 13068 samples" in text
-    assert "holds no point above 6 times" in said(
-        "points", tmp_path / "dark.npy", "-o", out, *words
-    )
+    assert "has no point above 6 times" in said("points", tmp_path / "dark.npy", "-o", out, *words)
     assert "No track has 9 points" in said(
         "track", series, "-o", out, "--step-um", 1, "--shortest", 9
     )
     np.save(tmp_path / "small.npy", volume(0)[:, 1:])
     text = said("track", tmp_path / "nan.npy", tmp_path / "small.npy", "-o", out, "--step-um", 1)
     assert "the volumes of a series have one shape" in text
-    assert "--time 7 is not there" in said("points", series, "-o", out, "--time", 7)
-    assert "is no time" in said("points", series, "-o", out, "--time", "last")
+    assert "--time must be below 4" in said("points", series, "-o", out, "--time", 7)
+    assert "is not a time" in said("points", series, "-o", out, "--time", "last")
     assert not out.exists()
 
 
@@ -175,24 +175,24 @@ def test_outputs_of_others_stay(tmp_path: Path, series: Path) -> None:
 def test_words_that_do_not_go_together(tmp_path: Path, series: Path) -> None:
     out, table = tmp_path / "o.csv", tmp_path / "p.csv"
     assert "Give --labels" in said("traces", series, "-o", out)
-    assert "go together" in said("traces", series, "-o", out, "--points", table)
+    assert "must be given together" in said("traces", series, "-o", out, "--points", table)
     words = ("--points", table, "--radius-um")
-    assert "--radius-um is positive" in said("traces", series, "-o", out, *words, 0)
+    assert "--radius-um must be positive" in said("traces", series, "-o", out, *words, 0)
     assert "There is no table" in said("traces", series, "-o", out, *words, 1)
     table.write_text("z_m,y_m,x_m\n9,9,9\n")
     assert "No point of" in said("traces", series, "-o", out, *words, 1)
     table.write_text("z_m,y_m,x_m\n")
-    assert "holds no point" in said("traces", series, "-o", out, *words, 1)
+    assert "contains no points" in said("traces", series, "-o", out, *words, 1)
     assert "brightness, not regions" in said("traces", series, "-o", out, "--labels", series)
-    assert "INNER,OUTER in micrometres" in said(
+    assert "INNER,OUTER with INNER below" in said(
         "traces", series, "-o", out, "--labels", series, "--ring-um", "5,2"
     )
     png = tmp_path / "v.png"
     assert "lies outside" in said("views", series, "-o", png, "--slices", "9,0,0")
     assert "is not Z,Y,X of a voxel" in said("views", series, "-o", png, "--slices", "9,0")
-    assert "--montage draws" in said("views", series, "-o", png, "--montage", "z", "--time", 1)
+    assert "--montage cannot" in said("views", series, "-o", png, "--montage", "z", "--time", 1)
     assert "A film shows all times" in said("views", series, "-o", tmp_path / "v.gif", "--time", 1)
-    assert "not over --slices" in said(
+    assert "cannot be combined with --slices" in said(
         "views", series, "-o", png, "--slices", "1,1,1", "--tracks", table
     )
     assert "is not LENGTH|Z,Y,X" in said("track", series, "-o", out, "--step-um", "1,2")
