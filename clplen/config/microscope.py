@@ -20,7 +20,7 @@ from clplen.config.scene import CoherenceTable, SceneTable
 from clplen.config.tables import Count, Positive, Table, read_toml, validated
 from clplen.errors import FormatError
 from clplen.files import PathLike
-from clplen.microscopy.frames.prepare import LEAST
+from clplen.microscopy.frames.prepare import MIN_PIXELS_PER_PITCH
 from clplen.microscopy.model.binning import suitable_binning
 
 _POWERS = (3, -3, 6, -6, 9, -9)  # of 10: from m, mm, um and nm to one another
@@ -256,11 +256,11 @@ def _simulable(
         return _unrectified(camera, binning, pixels, path)
     if pixels is None:
         pixels = whole_pixels(across)
-    if not LEAST * across <= pixels <= PIXELS.high:
+    if not MIN_PIXELS_PER_PITCH * across <= pixels <= PIXELS.high:
         raise FormatError(
             f"{path} has {across:.5g} pixels a lenslet, and frames of {pixels} would step over "
-            f"light or are none: give {math.ceil(LEAST * across)} to {PIXELS.high:g}, or leave the "
-            "number out."
+            f"light or are none: give {math.ceil(MIN_PIXELS_PER_PITCH * across)} to "
+            f"{PIXELS.high:g}, or leave the number out."
         )
     size = array.pitch_um / pixels
     least = math.floor(size / _coarsest(camera)) + 1

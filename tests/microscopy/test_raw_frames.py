@@ -131,7 +131,7 @@ def test_a_volume_without_rectifying(device, tmp_path):
     )
     found = made(made.prepared(true.forward(volume)))
     plane, i, k = np.unravel_index(found.volume.argmax(), found.volume.shape)
-    seen, known = made.place(), true.place()
+    seen, known = made.voxel_grid(), true.voxel_grid()
     there = np.array(seen["first"]) + i * np.array(seen["down"]) + k * np.array(seen["right"])
     here = (
         np.array(known["first"])

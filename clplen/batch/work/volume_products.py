@@ -20,7 +20,7 @@ from clplen.io.store.digest import digest
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.microscopy.deconvolution_files import read_picture, read_psf, write_result
 from clplen.microscopy.pipeline import Deconvolver
-from clplen.microscopy.series_files import Page, Remarks, SeriesWriter, pages_of, words_of_series
+from clplen.microscopy.series_files import Page, Remarks, SeriesWriter, pages_of, series_provenance
 from clplen.microscopy.settings import DeconvolutionSettings, LatticeSettings
 
 logger = logging.getLogger(__name__)
@@ -63,8 +63,8 @@ def volume_products(
         "left_out": frame.left_out,
         "below_0": frame.negative,
         "remarks": said,
-        "place": deconvolver.place(),
-        "job": {"frame": digest(path) if path else None, "number": None, **deconvolver.words},
+        "place": deconvolver.voxel_grid(),
+        "job": {"frame": digest(path) if path else None, "number": None, **deconvolver.provenance},
     }
     write = partial(write_result, found=found, images=deconvolver.images, more=more, replace=True)
     for name in task.work["formats"]:
@@ -88,7 +88,8 @@ def _write_series(
 ) -> None:
     """Write the volumes of a series to one file; what is there of it is gone on with."""
     how, remarks = deconvolver.how, Remarks()
-    words = words_of_series(pages, deconvolver.words, deconvolver.begin.words, how.rolling)
+    start = deconvolver.begin.provenance
+    words = series_provenance(pages, deconvolver.provenance, start, how.rolling)
     about, records = series_in(path)
     is_same = about.get("job") == words and how.batch in (None, about.get("batch"))
     if is_same and count_whole(path) == len(pages) and path.exists():

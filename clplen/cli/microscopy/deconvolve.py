@@ -95,7 +95,7 @@ def deconvolve(
     from clplen.microscopy.model.images import PointImages
     from clplen.microscopy.pipeline import provenance
     from clplen.microscopy.series.starts import Start
-    from clplen.microscopy.series_files import pages_of, words_of_series
+    from clplen.microscopy.series_files import pages_of, series_provenance
 
     if memory is not None and memory < _LEAST_MEMORY:
         raise click.UsageError(f"--memory is at least 1MiB, not {memory} bytes: did you mean 1GB?")
@@ -143,7 +143,7 @@ def deconvolve(
     opened = partial(_opened, images, how, selector, memory=memory, force=force, **files)
     shared = provenance(images, how, **files)
     if in_one:
-        words = words_of_series(pages, shared, begin.words, how.rolling)
+        words = series_provenance(pages, shared, begin.provenance, how.rolling)
         asked = series_file.Asked(output, pages, how.batch, preview, force)
         series_file.write(asked, words, opened)
         return
@@ -199,7 +199,7 @@ def _made(
         )
     judged = series.diagnose(frame, found)
     _tell(page, judged)
-    more = {"remarks": checks + said + judged, "place": series.place(), "job": job}
+    more = {"remarks": checks + said + judged, "place": series.voxel_grid(), "job": job}
     write_result(output, found, series.images, more=more, replace=True)
     size = " x ".join(str(n) for n in found.volume.shape)
     text = f"{output} holds {size} voxels (z, y, x) of {series.images.side * 1e6:.4g} um "
@@ -241,7 +241,7 @@ def _jobs(pages: list[Page], shared: dict[str, Any], begin: Start) -> list[dict[
     if begin.name:
         for earlier, later in pairwise(jobs):
             if begin.name != "previous":
-                later["begin"] = begin.words
+                later["begin"] = begin.provenance
             later["start"] = sha256(json.dumps(earlier, sort_keys=True).encode()).hexdigest()
     return jobs
 

@@ -68,7 +68,7 @@ def simulate(
             path=output,
             progress=lambda done, total: update_bar(bar, done, total),
         )
-    kept = min(images.kept(plane) for plane in range(len(z)))
+    kept = min(images.captured_share(plane) for plane in range(len(z)))
     click.echo(
         f"{output} holds {images!r}; they keep {kept:.2%} of the light of the pupil, the rest "
         "falls between lenslets, and up to the cut beyond their images."
@@ -92,7 +92,7 @@ def _measured(camera: FourierMicroscope, path: Path, z: Any, output: Path) -> No
             stack = _repaired(camera, stack, z)
         found = measure_point_images(camera, stack, z)
     write_point_images(output, found.images)
-    y, x = found.places.mean(axis=0) * 1e6
+    y, x = found.positions.mean(axis=0) * 1e6
     click.echo(
         f"{output} holds {found.images!r}, measured; the z given lie {found.offset * 1e6:+.3g} um "
         f"beyond those of the bead, which is {y:+.3g} um down and {x:+.3g} um right of the axis; "

@@ -44,8 +44,8 @@ def _check_white(
     """Refuse a white frame of another camera, and say where the pitch is another."""
     from clplen.lightfield.calibration.lattice_trust import lattice_of_white
     from clplen.microscopy.deconvolution_files import read_picture
-    from clplen.microscopy.frames.given_lattice import pitch_sentence
-    from clplen.microscopy.frames.prepare import LEAST
+    from clplen.microscopy.frames.nominal_lattice import pitch_sentence
+    from clplen.microscopy.frames.prepare import MIN_PIXELS_PER_PITCH
 
     level = read_picture(white)
     if shape is not None and level.shape != shape:
@@ -54,7 +54,7 @@ def _check_white(
             "same camera and crop."
         )
     lattice = lattice_of_white(level, white, kind="square", pitch=n, force=force)
-    if n < LEAST * max(lattice.pitch):
+    if n < MIN_PIXELS_PER_PITCH * max(lattice.pitch):
         raise click.ClickException(
             f"{white} has lenslets {max(lattice.pitch):.5g} pixels apart, the point images would "
             f"have {n}: give --pixels {math.ceil(max(lattice.pitch))}."

@@ -164,7 +164,7 @@ def psf(camera: Path, output: Path, force: bool, selector: str | None, **samplin
         check_frames(file, sampling["frame"], sampling["white"], force)
     with _ended_politely():
         images = _simulated(file, z, sampling, open_device(selector), output)
-    kept = min(images.kept(plane) for plane in range(len(z)))
+    kept = min(images.captured_share(plane) for plane in range(len(z)))
     click.echo(f"{output} holds {images!r}; at least {kept:.2%} of the light of a voxel is kept.")
     if "binning_error" in images.notes:
         click.echo(
@@ -230,7 +230,7 @@ def project(
         rest = "between lenslets, beyond the field stop or beside the sensor"
     else:
         what = f"{shape[0]} x {shape[1]} lenslets of {images.pixels} x {images.pixels} pixels"
-        kept = min(images.kept(plane) for plane in range(len(images.planes)))
+        kept = min(images.captured_share(plane) for plane in range(len(images.planes)))
         rest = (
             "beside the frame, or beyond the point images, which keep at least "
             f"{kept:.2%} of a voxel's light"

@@ -37,8 +37,9 @@ split = click.option(
     help="Regions that touch are two if the saddle between them is below this share of the lower.",
 )  # fmt: skip
 least = click.option(
-    "--least", type=click.IntRange(1), default=8, show_default=True, help="Voxels of a region."
-)
+    "--least", "min_voxels", type=click.IntRange(1), default=8, show_default=True,
+    help="Voxels of a region.",
+)  # fmt: skip
 
 
 @click.command()
@@ -200,9 +201,7 @@ def track(
     axes = axes_of(series, voxel_um)
     found = _found(series, axes, is_region, how)
     step = step_um if len(step_um) > 1 else step_um[0]
-    tracks = track_points(
-        found, step=step, gaps=gaps, motion=motion, shortest=shortest, unit="m"
-    )
+    tracks = track_points(found, step=step, gaps=gaps, motion=motion, shortest=shortest, unit="m")
     if not len(tracks):
         kind = "region" if is_region else "point"
         raise click.ClickException(
@@ -226,7 +225,7 @@ def _found(series: StoredVolumes, axes: Any, is_region: bool, how: dict[str, Any
     """The points or regions of each volume."""
     from clplen.microscopy import find_points, find_regions
 
-    names = ("threshold", "split", "least") if is_region else ("distance",)
+    names = ("threshold", "split", "min_voxels") if is_region else ("distance",)
     words = {name: how[name] for name in ("size", "snr", *names)}
     find = find_regions if is_region else find_points
     for time, volume in enumerate(progressing(series)):
