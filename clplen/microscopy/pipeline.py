@@ -159,9 +159,7 @@ class Deconvolver:
         how, messages = self.how, []
         if how.gain is None and (how.residual == "noise" or how.prior in ("tv", "time")):
             setting = "residual noise" if how.residual == "noise" else f"prior {how.prior}"
-            messages.append(
-                f"{setting} counts each count as a photon: give the gain of the camera."
-            )
+            messages.append(f"{setting} treats counts as photons: give the gain of the camera.")
         if self._files["white"] and not self._files["dark"]:
             messages.append(
                 "without a dark frame the offset of the camera counts as light: do not compare "

@@ -119,7 +119,7 @@ def test_a_pupil_is_not_asked_for_without_a_white_frame(device):
     with pytest.raises(ValueError, match="15 pixels a lenslet, the preparation 16"):
         check_pupil(images_of(), preparation(16, white=white, device=device))
     for na in (0.0, 0.9, float("nan")):
-        with pytest.raises(ValueError, match="The NA lies between 0 and"):
+        with pytest.raises(ValueError, match="na must be between 0 and"):
             EvenLight(ABOUT).cell(na, 0.5)
     with pytest.raises(TypeError, match="images"):
         check_pupil(None, prepare)

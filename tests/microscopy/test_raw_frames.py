@@ -141,7 +141,7 @@ def test_a_volume_without_rectifying(device, tmp_path):
     assert plane == 0
     assert np.abs(there - here).max() < 3.9  # half a voxel: the origin may be another lenslet
     assert made.diagnose(made.prepared(true.forward(volume)), found) == []
-    with pytest.raises(ValueError, match="not rectified, whose lattice the white frame tells"):
+    with pytest.raises(ValueError, match="requires the lattice of a white frame"):
         Deconvolver(images, DeconvolutionSettings(), device=device)
 
 

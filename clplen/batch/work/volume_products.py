@@ -66,7 +66,7 @@ def volume_products(
         "place": deconvolver.voxel_grid(),
         "job": {"frame": digest(path) if path else None, "number": None, **deconvolver.provenance},
     }
-    write = partial(write_result, found=found, images=deconvolver.images, more=more, replace=True)
+    write = partial(write_result, result=found, images=deconvolver.images, more=more, replace=True)
     for name in task.work["formats"]:
         yield Product(f"volume{SUFFIXES[name]}", write)
 
