@@ -107,7 +107,7 @@ class Deconvolver:
         device = as_device(device)
         self.images, self.how, self.device, self._memory = images, how, device, memory
         how.require_white(white is not None)
-        self.begin = Start(how.start, images, motion=how.motion)
+        self.start = Start(how.start, images, motion=how.motion)
         self._files = {"white": white, "dark": dark, "mask": mask}
         self._lattice = lattice
         self.pupil: PupilCheck | None = None
@@ -230,8 +230,8 @@ class Deconvolver:
         For ``progress`` and ``watch`` see `deconvolve`.
         """
         counts, background = self._light(frame)
-        begin = self.begin if self.begin.name else Start("previous", self.images)
-        initial = None if start is None else begin.volumes(start, 1)
+        rule = self.start if self.start.name else Start("previous", self.images)
+        initial = None if start is None else rule.volumes(start, 1)
         return deconvolve(
             counts,
             self.projector_for(frame.counts.shape),
@@ -280,7 +280,7 @@ class Deconvolver:
         """
         series = (SeriesFrame(*self._light(frame, low), frame.white) for frame, low in frames)
         return deconvolve_batches(
-            series, self.projector_for(shape), batch, self.begin, before=before,
+            series, self.projector_for(shape), batch, self.start, before=before,
             progress=progress, watch=watch, **self._options,
         )  # fmt: skip
 
@@ -360,7 +360,7 @@ def provenance(
     from clplen import __version__
 
     return {
-        **how.of_frames,
+        **how.frame_settings,
         "clplen": __version__,
         "psf": point_image_files.digest(images),
         "white": digest(Path(white)) if white else None,

@@ -122,7 +122,7 @@ class SeriesWriter:
         self.done = self.file.open(go_on=batch is not None)
 
     def __iter__(self) -> Iterator[Batch]:
-        series, at = self.series, self.done
+        series, position = self.series, self.done
         pending: deque[tuple[Prepared, Values | None]] = deque()  # frames of the batch
 
         def read() -> Iterator[tuple[Prepared, Values | None]]:
@@ -135,10 +135,10 @@ class SeriesWriter:
                 pending.append(pair)
                 yield pair
 
-        before = self.file.read(at - 1) if at else None
+        before = self.file.read(position - 1) if position else None
         volumes = series.series(read(), self.shape, self.batch, before=before)
-        while results := list(islice(volumes, min(self.batch, len(self.pages) - at))):
-            pages, frames = self.pages[at : at + len(results)], []
+        while results := list(islice(volumes, min(self.batch, len(self.pages) - position))):
+            pages, frames = self.pages[position : position + len(results)], []
             records: list[dict[str, Any]] = []
             for page, result in zip(pages, results, strict=True):
                 frame, low = pending.popleft()
@@ -149,7 +149,7 @@ class SeriesWriter:
                     "iterations": result.iterations, "remarks": messages,
                 })  # fmt: skip
             self.file.append([result.volume for result in results], records)
-            at += len(results)
+            position += len(results)
             yield Batch(pages, frames, [record["remarks"] for record in records])
         self.file.end()
 

@@ -13,7 +13,7 @@ from clplen.microscopy.frames.nominal_lattice import check_lattice, square_latti
 from clplen.reprs import one_line
 from clplen.settings.declaration import SettingError, Settings, named, setting, settings_of
 
-OF_FRAMES = (  # settings that determine the volume of a single frame
+FRAME_SETTINGS = (  # settings that determine the volume of a single frame
     "iterations", "background", "gain", "saturation", "haze", "residual", "accelerate", "prior",
     "strength", "radiometric", "keep_hot",
 )  # fmt: skip
@@ -176,9 +176,9 @@ class DeconvolutionSettings(Settings):
                 raise SettingError(name, "needs a series of frames in one file")
 
     @property
-    def of_frames(self) -> dict[str, Any]:
+    def frame_settings(self) -> dict[str, Any]:
         """Settings that determine the volume of a single frame, with defaults filled in."""
-        values = {name: getattr(self, name) for name in OF_FRAMES}
+        values = {name: getattr(self, name) for name in FRAME_SETTINGS}
         return values | {"gain": self.gain or 1.0, "strength": self.strength or 1.0}
 
 
@@ -233,7 +233,7 @@ class LatticeSettings(Settings):
     def _refuse_both(self, name: str, other: str) -> None:
         raise SettingError(name, f"and {named(other)} both define the lattice: give one of them")
 
-    def of_frame(self, shape: tuple[int, int], frame: PathLike) -> Lattice | None:
+    def lattice_for(self, shape: tuple[int, int], frame: PathLike) -> Lattice | None:
         """Return the lattice for frames of a shape, or None if no lattice is given."""
         if self.pitch is not None:
             with naming(frame):

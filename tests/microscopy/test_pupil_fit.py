@@ -114,7 +114,7 @@ def test_patches(device):
         cut=0.01,
     )  # fmt: skip
     assert parts[0][1].coefficients == pytest.approx(alone.coefficients, rel=1e-4)
-    with pytest.raises(ShapeError, match="no 2 parts of 5"):
+    with pytest.raises(ShapeError, match="got 2 patches of 5"):
         fit_pupil_patches(frame, microscope(device), (2, 1), planes=how.planes)
 
 

@@ -48,7 +48,7 @@ def make(device, name, voxels):
 
 def white_of(images, projector):
     """Even light, and pixels of unlike sensitivity."""
-    even = 1e4 * np.maximum(projector.of_cell(evenly_lit(images)), 0)
+    even = 1e4 * np.maximum(projector.tiled_frame(evenly_lit(images)), 0)
     rng = np.random.default_rng(3)
     return even, 1 + 0.1 * rng.standard_normal(projector.frame_shape)
 

@@ -44,7 +44,7 @@ def volume_products(
     of_lattice.require_no_white("white" in files)
     files |= {} if of_lattice.mask is None else {"mask": str(of_lattice.mask)}
     picture = _frame(pages, raw)
-    lattice = of_lattice.of_frame(picture.shape, path or "The frame")
+    lattice = of_lattice.lattice_for(picture.shape, path or "The frame")
     deconvolver = _cached_deconvolver(
         resources, files, how, force=layout.get("force", False), lattice=lattice
     )
@@ -88,7 +88,7 @@ def _write_series(
 ) -> None:
     """Write the volumes of a series to one file; what is there of it is gone on with."""
     how, remarks = deconvolver.how, Remarks()
-    start = deconvolver.begin.provenance
+    start = deconvolver.start.provenance
     words = series_provenance(pages, deconvolver.provenance, start, how.rolling)
     about, records = series_in(path)
     is_same = about.get("job") == words and how.batch in (None, about.get("batch"))

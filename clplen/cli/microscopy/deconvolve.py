@@ -131,7 +131,7 @@ def deconvolve(
     lattice = None
     if of_lattice.has_lattice:
         first = read_picture(pages[0].path, pages[0].number)
-        lattice = of_lattice.of_frame((first.shape[0], first.shape[1]), pages[0].path)
+        lattice = of_lattice.lattice_for((first.shape[0], first.shape[1]), pages[0].path)
     images = read_psf(source)
     if preview is not None and not isinstance(images, PointImages):
         raise click.UsageError("--preview refocuses lenslets: a Fourier microscope has none there.")

@@ -220,28 +220,28 @@ def _first_shifts(
     slowest = int(np.hypot(*slopes.T).argmin())
     shifts = np.zeros((len(z), 2))
     for number, frame in enumerate(frames):
-        about = centres[slowest] + slopes[slowest] * z[number]
+        centre = centres[slowest] + slopes[slowest] * z[number]
         half = int(np.ceil(3 * radius))
-        corner = np.rint(about).astype(int) - half
+        corner = np.rint(centre).astype(int) - half
         part = ndimage.gaussian_filter(_window(frame, corner, 2 * half + 1), SMOOTHING_PIXELS)
         level, noise = level_and_noise(part)
         if not part.max() > level + 3 * noise:
             raise ValueError(
                 f"No bead detected in frame {number} (from 0) within {half} pixels of (y, x) = "
-                f"({about[0]:.1f}, {about[1]:.1f}): check that the bead is near the axis, and the "
-                "parameters of the camera."
+                f"({centre[0]:.1f}, {centre[1]:.1f}): check that the bead is near the axis, and "
+                "the parameters of the camera."
             )
-        shifts[number] = np.unravel_index(part.argmax(), part.shape) + corner - about
+        shifts[number] = np.unravel_index(part.argmax(), part.shape) + corner - centre
     return shifts
 
 
-def _spot(frame: Vector, about: Vector, sigma: float) -> Vector:
+def _spot(frame: Vector, expected: Vector, sigma: float) -> Vector:
     """Return (y, x) of a spot, the centroid under a Gaussian window that follows the spot."""
     half = int(np.ceil(3 * sigma))
-    corner = np.rint(about).astype(int) - half
+    corner = np.rint(expected).astype(int) - half
     part = _window(frame, corner, 2 * half + 1)
     light = np.maximum(part - np.median(part), 0)
-    centre = about - corner
+    centre = expected - corner
     axis = np.arange(2 * half + 1)
     for _ in range(30):
         y, x = (np.exp(-0.5 * ((axis - c) / sigma) ** 2) for c in centre)

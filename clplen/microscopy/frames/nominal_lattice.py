@@ -8,7 +8,7 @@ from clplen.checks import fits_float64
 from clplen.errors import ShapeError
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 
-MIN_PITCH_PIXELS = 3  # smaller lenslets cannot be told from their neighbours
+MIN_PITCH_PIXELS = 3  # smaller lenslets are not resolved
 MIN_SQUARENESS = 0.9  # sine of the angle between rows and columns, and ratio of their steps
 PITCH_TOLERANCE = 0.005  # relative; makers' figures agree to it
 

@@ -1,7 +1,7 @@
 """Detection of hot pixels, brighter beside their neighbours than any light of the microscope.
 
-Let S_k(p) be the light of the eight neighbours of a pixel and of the corresponding pixels of the
-eight adjacent lenslets, without the k brightest of these sixteen, k = 0, 1, 2. Such sums are
+A pixel p has sixteen neighbours: eight adjacent pixels, and the corresponding pixels of the eight
+adjacent lenslets. S_k(p) is their sum without the k brightest, k = 0, 1, 2. Such sums are
 superadditive, S(A + B) >= S(A) + S(B). If h(p) <= c_k S_k(p) holds for every point image h, it
 therefore holds for every volume. The c_k are computed from the point images (`sharpness`); a pixel
 above any c_k S_k by more than noise is hot. Up to three adjacent hot pixels are detected.
@@ -140,8 +140,8 @@ def steps_around(lattice: Lattice | int | None) -> list[Step]:
     adjacent: list[tuple[float, float]] = list(AROUND)
     if lattice.kind == "hexagonal":
         adjacent = [(k, i) for i, k in HEXAGONAL] if lattice.turned else list(HEXAGONAL)
-    far = [np.round(i * along + k * across).astype(int) for i, k in adjacent]
-    return [*AROUND, *((int(y), int(x)) for y, x in far)]
+    steps = [np.round(i * along + k * across).astype(int) for i, k in adjacent]
+    return [*AROUND, *((int(y), int(x)) for y, x in steps)]
 
 
 def shifted(light: Vector, steps: list[Step], fill: float) -> Iterable[Vector]:

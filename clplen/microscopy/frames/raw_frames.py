@@ -101,8 +101,8 @@ def raw_preparation(
 ) -> RawPreparation:
     """Estimate lattice and pixel sensitivity from a white frame; build the projector.
 
-    For an array of several focal lengths, the white frame is compared with the even light of the
-    point images to identify the lenslets of the first kind.
+    For an array of several focal lengths, comparing the white frame with the uniform light of the
+    point images identifies the lenslets of the first kind.
 
     Parameters
     ----------
@@ -179,13 +179,13 @@ def _first_kind_lattice(
     kinds = images.cell.lenslets[1]
     if kinds == 1:
         return lattice
-    even = evenly_lit(images)
+    uniform = evenly_lit(images)
     along = np.array(lattice.row if lattice.turned else lattice.column)
     best, best_correlation = lattice, -np.inf
     for number in range(kinds):
         y, x = np.array(lattice.origin) + number * along
         candidate = replace(lattice, origin=(float(y), float(x)))
-        frame = FrameProjector(images, candidate, device=device).of_cell(even)
+        frame = FrameProjector(images, candidate, device=device).tiled_frame(uniform)
         correlation = float(np.corrcoef(frame.ravel(), light.ravel())[0, 1])
         if correlation > best_correlation:
             best, best_correlation = candidate, correlation
@@ -194,13 +194,13 @@ def _first_kind_lattice(
 
 def evenly_lit(images: PointImages) -> Vector:
     """Return the picture of a cell under even light from the plane with the widest blur."""
-    (ny, nx), even = images.cell.pixels, np.zeros(images.cell.pixels)
+    (ny, nx), total = images.cell.pixels, np.zeros(images.cell.pixels)
     plane = int(np.abs(images.planes).argmax())
     for phase in np.ndindex(images.cell.voxels):
         image = images.image(plane, (phase[0], phase[1]))
         blocks = image.reshape(-1, ny, image.shape[1] // nx, nx)
-        even += blocks.sum(axis=(0, 2), dtype=np.float64)
-    return even
+        total += blocks.sum(axis=(0, 2), dtype=np.float64)
+    return total
 
 
 def _sensitivity(projector: FrameProjector, level: Vector, valid: Vector) -> Vector:
@@ -212,10 +212,10 @@ def _sensitivity(projector: FrameProjector, level: Vector, valid: Vector) -> Vec
     weight = np.maximum(sums(valid.astype(np.float32)), 1e-6)
     cell = np.full(weight.shape, float(level[valid].mean(dtype=np.float64)))
     for _ in range(ITERATIONS):
-        mean = projector.of_cell(cell)
+        mean = projector.tiled_frame(cell)
         ratio = np.divide(level, mean, out=np.zeros_like(level), where=valid & (mean > 0))
         cell *= np.maximum(sums(ratio), 0) / weight
-    mean = projector.of_cell(cell)
+    mean = projector.tiled_frame(cell)
     bright = valid & (mean > MIN_WHITE_LEVEL * level.mean(dtype=np.float64)) & (level > 0)
     ratio = np.divide(level, mean, out=np.zeros_like(level), where=bright)
     return np.asarray(ratio, np.float32)

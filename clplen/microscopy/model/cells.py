@@ -54,7 +54,7 @@ class Cell:
         signs = ((self.mirror_y, down), (self.mirror_x, right), (self.turned, turn))
         return all(sign > 0 or not mirror for mirror, sign in signs)
 
-    def behind(self, orders: Sequence[int]) -> Cell:
+    def with_aberrations(self, orders: Sequence[int]) -> Cell:
         """Return the cell without the symmetries that Zernike orders of the pupil break."""
         return replace(
             self,
@@ -106,8 +106,8 @@ def cell_of(lattice: str, kinds: int, *, voxels: int, pixels: int) -> Cell:
     """Return the cell of an array from the voxels and pixels per lenslet.
 
     Rows of a hexagonal lattice are sqrt(3)/2 of the pitch apart. Along y its cell gets the next
-    integer number of voxels, so that none is higher than wide, and the next number of pixels that
-    is suitable for fast transforms.
+    integer number of voxels, none higher than wide. Its number of pixels is rounded up to a length
+    with fast transforms.
     """
     if lattice == "hexagonal":
         high = smooth_length(math.ceil(_ROOT * pixels))
@@ -133,4 +133,4 @@ def cell_in(parameters: Mapping[str, Any], voxels: int, pixels: int) -> Cell:
     """Return the cell of the array described by `PointImages.parameters`."""
     kinds = len(parameters.get("lenslet_focal_lengths", (0,)))
     cell = cell_of(parameters.get("lattice", "square"), kinds, voxels=voxels, pixels=pixels)
-    return cell.behind([noll(int(j))[1] for j in parameters.get("pupil") or ()])
+    return cell.with_aberrations([noll(int(j))[1] for j in parameters.get("pupil") or ()])

@@ -73,7 +73,7 @@ class FourierPointImages:
 
     @property
     def sides(self) -> tuple[float, float]:
-        """Sides (dy, dx) of a voxel in metres, which are equal."""
+        """Equal sides (dy, dx) of a voxel in metres."""
         return self.side, self.side
 
     @property

@@ -90,8 +90,8 @@ class PointImages:
     @property
     def sides(self) -> tuple[float, float]:
         """Sides (dy, dx) of a voxel in metres, equal in a square lattice."""
-        about = self.parameters
-        lenslet = about["lenslet_pitch"] / about["magnification"]
+        parameters = self.parameters
+        lenslet = parameters["lenslet_pitch"] / parameters["magnification"]
         dx = lenslet / self.voxels
         (height, width), (vy, vx) = self.cell.size, self.cell.voxels
         return float(dx if height * vx == width * vy else lenslet * height / vy), float(dx)
@@ -111,9 +111,11 @@ class PointImages:
     @property
     def blurs(self) -> Vector:
         """Blur radius of a point in lenslets, by plane; below 1/2 no lenslet resolves detail."""
-        about = self.parameters
-        tangent = about["na"] / np.sqrt(np.square(about["medium_index"]) - np.square(about["na"]))
-        scale = about["magnification"] * tangent / about["lenslet_pitch"]
+        parameters = self.parameters
+        tangent = parameters["na"] / np.sqrt(
+            np.square(parameters["medium_index"]) - np.square(parameters["na"])
+        )
+        scale = parameters["magnification"] * tangent / parameters["lenslet_pitch"]
         return np.asarray(np.abs(self.planes) * scale)
 
     def image(self, plane: int, phase: tuple[int, int]) -> Vector:

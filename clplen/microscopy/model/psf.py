@@ -167,7 +167,7 @@ def _cell(camera: Microscope, voxels: int, binning: int) -> Cell:
     """Return the unit cell of the camera's array."""
     mla, n = camera.mla, round(camera.pixels_per_lenslet) // binning
     cell = cell_of(mla.lattice, len(mla.focal_lengths), voxels=voxels, pixels=n)
-    return cell if camera.pupil is None else cell.behind(camera.pupil.orders)
+    return cell if camera.pupil is None else cell.with_aberrations(camera.pupil.orders)
 
 
 def lenslets_across(camera: Microscope, z: float) -> int:

@@ -169,8 +169,8 @@ def traces(
     if not len(regions):
         raise ValueError("labels must contain a region, got only 0.")
     inside = [np.flatnonzero(numbers == region) for region in regions]
-    about = [] if ring is None else _rings(numbers, regions, ring, axes)
-    bright, dark = [], []
+    rings = [] if ring is None else _rings(numbers, regions, ring, axes)
+    signals, surrounds = [], []
     for frame, volume in enumerate(series):
         values = host_array(volume, "A volume")
         if values.shape != numbers.shape or values.dtype.kind not in "buif":
@@ -179,16 +179,16 @@ def traces(
                 f"{values.dtype} of shape {values.shape} in frame {frame}."
             )
         flat = values.reshape(-1)
-        bright.append([float(flat[part].mean(dtype=np.float64)) for part in inside])
-        dark.append([float(np.median(flat[part])) for part in about])
-        if not np.isfinite([*bright[-1], *dark[-1]]).all():
+        signals.append([float(flat[part].mean(dtype=np.float64)) for part in inside])
+        surrounds.append([float(np.median(flat[part])) for part in rings])
+        if not np.isfinite([*signals[-1], *surrounds[-1]]).all():
             raise ValueError(f"A region or ring has samples that are not finite in frame {frame}.")
-    if len(bright) < 2:
-        raise ValueError(f"A trace needs at least 2 frames, got {len(bright)}.")
-    means = np.array(bright).T
-    surround = np.array(dark).T if about else np.full(means.shape, np.nan)
+    if len(signals) < 2:
+        raise ValueError(f"A trace needs at least 2 frames, got {len(signals)}.")
+    means = np.array(signals).T
+    surround = np.array(surrounds).T if rings else np.full(means.shape, np.nan)
     light = means
-    if about:
+    if rings:
         light = means - neuropil * surround
     baseline = rolling_percentile(light, window, percentile)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -241,13 +241,13 @@ def _rings(
     is_free = numbers == 0
     rings = []
     for region in regions:
-        where = np.nonzero(numbers == region)
+        region_voxels = np.nonzero(numbers == region)
         box = tuple(
             slice(max(int(k.min() - ring[1] / step), 0), int(k.max() + ring[1] / step) + 2)
-            for k, step in zip(where, steps, strict=True)
+            for k, step in zip(region_voxels, steps, strict=True)
         )
-        far = distance_transform_edt(numbers[box] != region, sampling=steps)
-        local = np.nonzero((far > ring[0]) & (far <= ring[1]) & is_free[box])
+        distance = distance_transform_edt(numbers[box] != region, sampling=steps)
+        local = np.nonzero((distance > ring[0]) & (distance <= ring[1]) & is_free[box])
         if not len(local[0]):
             raise ValueError(
                 f"The ring of region {region} from {ring[0]:g} to {ring[1]:g} has no voxel outside "

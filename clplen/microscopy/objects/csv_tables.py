@@ -46,17 +46,17 @@ def _texts(values: Vector) -> list[str]:
     return ["" if math.isnan(value) else f"{value:.9g}" for value in values.tolist()]
 
 
-def read_table(path: PathLike, what: str, names: Sequence[str]) -> dict[str, Vector]:
+def read_table(path: PathLike, kind: str, names: Sequence[str]) -> dict[str, Vector]:
     """Read the named columns of numbers; ignore other columns."""
-    return _columns(Path(path), what, _rows(Path(path), what), names)
+    return _columns(Path(path), kind, _rows(Path(path), kind), names)
 
 
 def read_positions(
-    path: PathLike, what: str = "positions", names: Callable[[str], Sequence[str]] = lambda _: ()
+    path: PathLike, kind: str = "positions", names: Callable[[str], Sequence[str]] = lambda _: ()
 ) -> tuple[Vector, str, dict[str, Vector]]:
     """Read positions (z, y, x), their unit, and the columns ``names(unit)``."""
     path = Path(path)
-    rows = _rows(path, what)
+    rows = _rows(path, kind)
     unit = next((u for u in UNITS if rows and f"z_{u}" in rows[0]), None)
     if unit is None:
         raise FormatError(
@@ -64,38 +64,38 @@ def read_positions(
             f"{' or '.join(f'z_{u}' for u in UNITS)}."
         )
     axes = position_columns(unit)
-    table = _columns(path, what, rows, (*axes, *names(unit)))
+    table = _columns(path, kind, rows, (*axes, *names(unit)))
     positions = np.stack([table.pop(name) for name in axes], axis=1)
     if not np.isfinite(positions).all():
         raise FormatError(f"{path}: a point has no position.")
     return positions, unit, table
 
 
-def _rows(path: Path, what: str) -> list[list[str]]:
+def _rows(path: Path, kind: str) -> list[list[str]]:
     """Read the cells of a table, with the header first."""
     if not path.is_file():
-        raise FormatError(f"There is no table of {what} {path}.")
+        raise FormatError(f"There is no table of {kind} {path}.")
     if path.stat().st_size > _MAX_BYTES:
-        raise FormatError(f"{path} has more than {_MAX_BYTES:,} bytes: not a table of {what}.")
+        raise FormatError(f"{path} has more than {_MAX_BYTES:,} bytes: not a table of {kind}.")
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = [row for row in csv.reader(file) if row]
     except (UnicodeDecodeError, csv.Error) as error:
         raise FormatError(
-            f"{path} is not a table of {what}: it is not CSV text ({error})."
+            f"{path} is not a table of {kind}: it is not CSV text ({error})."
         ) from error
     return [[name.strip() for name in row] for row in rows[:1]] + rows[1:]
 
 
 def _columns(
-    path: Path, what: str, rows: list[list[str]], names: Sequence[str]
+    path: Path, kind: str, rows: list[list[str]], names: Sequence[str]
 ) -> dict[str, Vector]:
     """Convert the named columns to numbers."""
     header = rows[0] if rows else []
     missing = [name for name in names if name not in header]
     if missing:
         raise FormatError(
-            f"{path} is not a table of {what}: it has no column {missing[0]!r}, its columns are "
+            f"{path} is not a table of {kind}: it has no column {missing[0]!r}, its columns are "
             f"{', '.join(map(repr, header[:8])) or 'none'}."
         )
     indices = [header.index(name) for name in names]

@@ -43,10 +43,10 @@ def _candidates(
     expected: Vector, reach: Vector, positions: Vector
 ) -> tuple[Vector, Vector, Vector]:
     """Return all links within reach: track, position, cost below 1."""
-    near = cKDTree(positions).query_ball_point(expected, reach)
-    counts = np.array([len(each) for each in near])
+    neighbours = cKDTree(positions).query_ball_point(expected, reach)
+    counts = np.array([len(links) for links in neighbours])
     tracks = np.repeat(np.arange(len(expected)), counts)
-    targets = np.array([k for each in near for k in each], np.int64)
+    targets = np.array([k for links in neighbours for k in links], np.int64)
     steps = expected[tracks] - positions[targets]
     return tracks, targets, (steps**2).sum(axis=1) / reach[tracks] ** 2
 
@@ -64,6 +64,6 @@ def _assigned(tracks: Vector, targets: Vector, costs: Vector) -> Vector:
         )
     table = np.zeros((len(rows), len(columns)))  # 0 stands for no link, at the cost of a full step
     table[row, column] = costs - 1.0
-    chosen, to = linear_sum_assignment(table)
-    linked = table[chosen, to] < 0
-    return np.stack([rows[chosen[linked]], columns[to[linked]]], axis=1)
+    chosen, target = linear_sum_assignment(table)
+    linked = table[chosen, target] < 0
+    return np.stack([rows[chosen[linked]], columns[target[linked]]], axis=1)

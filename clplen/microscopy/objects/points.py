@@ -164,9 +164,13 @@ def find_points(
     raised = _smoothed(values, planes, across) - background
     _, noise = level_and_noise(raised, axis=(1, 2))
     peaks = _separated(_maxima(raised, snr * noise), distance)
-    positions = [[_peak(raised, coordinates, tuple(at), axis) for axis in range(3)] for at in peaks]
+    positions = [
+        [_peak(raised, coordinates, tuple(peak), axis) for axis in range(3)] for peak in peaks
+    ]
     above = values - _smoothed(values, 0.0, BACKGROUND_RATIO * across)
-    widths = [[_width(above, coordinates, tuple(at), axis) for axis in range(3)] for at in peaks]
+    widths = [
+        [_width(above, coordinates, tuple(peak), axis) for axis in range(3)] for peak in peaks
+    ]
     index = tuple(peaks.T)
     return Points(
         np.array(positions, np.float64).reshape(-1, 3),
@@ -292,9 +296,9 @@ def _separated(maxima: Vector, distance: tuple[float, float]) -> Vector:
     return maxima[is_separate]
 
 
-def _peak(raised: Vector, coordinates: list[Vector], at: tuple[int, ...], axis: int) -> float:
+def _peak(raised: Vector, coordinates: list[Vector], index: tuple[int, ...], axis: int) -> float:
     """Return the centre of the Gaussian through a maximum and its neighbours along an axis."""
-    x, line, k = coordinates[axis], _line(raised, at, axis), at[axis]
+    x, line, k = coordinates[axis], _line(raised, index, axis), index[axis]
     if len(x) == 1:
         return float(x[0])
     low, high, best = (max(float(line[i]), 1e-3 * float(line[k])) for i in (k - 1, k + 1, k))
@@ -306,9 +310,9 @@ def _peak(raised: Vector, coordinates: list[Vector], at: tuple[int, ...], axis: 
     return float((x[k - 1] + x[k]) / 2 + left * step / (left - right))
 
 
-def _width(above: Vector, coordinates: list[Vector], at: tuple[int, ...], axis: int) -> float:
+def _width(above: Vector, coordinates: list[Vector], index: tuple[int, ...], axis: int) -> float:
     """Return the full width at half maximum along an axis, linear between samples."""
-    x, line, k = coordinates[axis], _line(above, at, axis), at[axis]
+    x, line, k = coordinates[axis], _line(above, index, axis), index[axis]
     half, ends = line[k] / 2, []
     if half <= 0:
         return math.nan
@@ -322,6 +326,6 @@ def _width(above: Vector, coordinates: list[Vector], at: tuple[int, ...], axis: 
     return float(abs(ends[1] - ends[0]))
 
 
-def _line(values: Vector, at: tuple[int, ...], axis: int) -> Vector:
+def _line(values: Vector, index: tuple[int, ...], axis: int) -> Vector:
     """Return the samples along an axis through a sample."""
-    return np.asarray(values[tuple(slice(None) if k == axis else i for k, i in enumerate(at))])
+    return np.asarray(values[tuple(slice(None) if k == axis else i for k, i in enumerate(index))])

@@ -224,8 +224,8 @@ def sphere_labels(positions: Any, radius: float, axes: Sequence[Any]) -> Vector:
 def _half_step(coordinates: Vector, k: int) -> float:
     """Return half of the larger distance of a sample to its neighbours."""
     steps = np.abs(np.diff(coordinates))
-    near = steps[max(k - 1, 0) : k + 1]
-    return float(near.max()) / 2 * (1 + _ROUNDING) if len(near) else np.inf
+    neighbouring = steps[max(k - 1, 0) : k + 1]
+    return float(neighbouring.max()) / 2 * (1 + _ROUNDING) if len(neighbouring) else np.inf
 
 
 def _otsu(values: Vector) -> float:
@@ -311,9 +311,9 @@ def _merged(
             node = int(parent[node])
         return node
 
-    pairs, at = np.unique(pairs, axis=0, return_inverse=True)
+    pairs, pair_number = np.unique(pairs, axis=0, return_inverse=True)
     highest = np.full(len(pairs), -np.inf)
-    np.maximum.at(highest, at.reshape(-1), saddle)
+    np.maximum.at(highest, pair_number.reshape(-1), saddle)
     for k in np.argsort(-highest, kind="stable"):
         first, second = sorted((root(int(pairs[k, 0])), root(int(pairs[k, 1]))))
         if first != second and highest[k] - middle >= split * (tops[second] - middle):
@@ -340,24 +340,24 @@ def _measured(
     threshold: float,
 ) -> Regions:
     """Measure position, size and brightness of each region."""
-    where = np.nonzero(labels)
-    number = labels[where] - 1
+    voxels = np.nonzero(labels)
+    number = labels[voxels] - 1
     count = int(labels.max(initial=0))
     sides = [np.abs(np.gradient(x)) if len(x) > 1 else np.ones(1) for x in coordinates]
-    weights = np.prod([side[k] for side, k in zip(sides, where, strict=True)], axis=0)
+    weights = np.prod([side[k] for side, k in zip(sides, voxels, strict=True)], axis=0)
     volumes = np.bincount(number, weights, count)
     centres = [
         np.bincount(number, weights * x[k], count) / volumes
-        for x, k in zip(coordinates, where, strict=True)
+        for x, k in zip(coordinates, voxels, strict=True)
     ]
     peaks, heights = np.full(count, -np.inf), np.full(count, -np.inf)
-    np.maximum.at(peaks, number, values[where])
-    np.maximum.at(heights, number, raised[where])
+    np.maximum.at(peaks, number, values[voxels])
+    np.maximum.at(heights, number, raised[voxels])
     return Regions(
         labels,
         np.stack(centres, axis=1).reshape(-1, 3),
         volumes,
-        np.bincount(number, values[where], count) / np.bincount(number, minlength=count),
+        np.bincount(number, values[voxels], count) / np.bincount(number, minlength=count),
         peaks,
         over_noise(heights, noise),
         threshold,

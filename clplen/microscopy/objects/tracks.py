@@ -24,7 +24,7 @@ Vector = np.ndarray[Any, Any]
 Motion = Literal["random", "straight"]
 
 _MICRONS = 1e6  # per metre
-_VELOCITY_STEPS = 3  # steps of which a velocity is the mean
+_VELOCITY_STEPS = 3  # number of steps in the mean velocity
 
 
 class Detections(Protocol):

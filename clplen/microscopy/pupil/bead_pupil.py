@@ -120,14 +120,14 @@ class BeadFrame:
             waves = PupilWaves.of(camera, float(position[2]), binning=self.binning)
             point, lenslet = self.local_point(position)
             image, tangents = waves.tangents(point, (*AXES, *self.terms))
-            on, window = self._overlap(waves.lenslets, lenslet)
-            w, image = white[on], image[0][window]
-            mean[on] += energy * w * image
+            part, window = self._overlap(waves.lenslets, lenslet)
+            w, image = white[part], image[0][window]
+            mean[part] += energy * w * image
             for total, tangent in zip(by_terms, tangents[3:], strict=True):
-                total[on] += energy * w * tangent[0][window]
+                total[part] += energy * w * tangent[0][window]
             by_axes = [energy * w * t[0][window] * _UNIT["position"] for t in tangents[:3]]
             for k, derivative in enumerate((*by_axes, w * image)):
-                rows.append(pixels[on].ravel())
+                rows.append(pixels[part].ravel())
                 columns.append(np.full(derivative.size, 4 * number + k))
                 values.append(derivative.ravel())
         count = 4 * len(positions) + 1 + len(self.terms)
@@ -139,16 +139,16 @@ class BeadFrame:
         return _Model(mean, sparse.csc_matrix((data, (row, column)), (white.size, count)))
 
     def _overlap(
-        self, lenslets: int, at: tuple[int, int]
+        self, lenslets: int, lenslet: tuple[int, int]
     ) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
         """Return the overlap of a window about a lenslet with the frame, in frame and window."""
-        on, window = [], []
-        for k, count in zip(at, self.shape, strict=True):
+        part, window = [], []
+        for k, count in zip(lenslet, self.shape, strict=True):
             first = k - lenslets // 2
             start, stop = max(first, 0), max(min(first + lenslets, count), max(first, 0))
-            on.append(slice(start * self.n, stop * self.n))
+            part.append(slice(start * self.n, stop * self.n))
             window.append(slice((start - first) * self.n, (stop - first) * self.n))
-        return (on[0], on[1]), (window[0], window[1])
+        return (part[0], part[1]), (window[0], window[1])
 
 
 def fit_beads(

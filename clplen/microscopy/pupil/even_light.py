@@ -43,7 +43,7 @@ class EvenLight:
 
     Parameters
     ----------
-    about : dict
+    parameters : dict
         Parameters of the microscope, `PointImages.parameters`, in metres.
 
     Attributes
@@ -59,30 +59,34 @@ class EvenLight:
         If a parameter is missing.
     """
 
-    def __init__(self, about: dict[str, Any]) -> None:
-        missing = [name for name in NEEDED if name not in about]
+    def __init__(self, parameters: dict[str, Any]) -> None:
+        missing = [name for name in NEEDED if name not in parameters]
         if missing:
             raise ValueError(f"The parameters of the images must contain {missing[0]}.")
-        check_finite(**{name: value for name, value in about.items() if isinstance(value, Real)})
-        self._about = about
-        self.largest = min(MAX_NA_RATIO * about["na"], 0.999 * about["medium_index"])
-        pitch, lam = about["lenslet_pitch"], about["wavelength"]
-        slope = self.largest / about["magnification"]
-        slope += about["lenslet_diameter"] / (2 * about["lenslet_focal_length"])
+        check_finite(
+            **{name: value for name, value in parameters.items() if isinstance(value, Real)}
+        )
+        self._parameters = parameters
+        self.largest = min(MAX_NA_RATIO * parameters["na"], 0.999 * parameters["medium_index"])
+        pitch, lam = parameters["lenslet_pitch"], parameters["wavelength"]
+        slope = self.largest / parameters["magnification"]
+        slope += parameters["lenslet_diameter"] / (2 * parameters["lenslet_focal_length"])
         self.samples = smooth_length(math.ceil(4 * slope * pitch / lam))
-        cutoff = self.largest / (about["magnification"] * lam)
+        cutoff = self.largest / (parameters["magnification"] * lam)
         density = self._density(cutoff * pitch)
         self._step = 1 / (density * pitch)
         k = np.arange(math.ceil(cutoff / self._step) + 1) * self._step
         fy, fx = (f.ravel() for f in np.meshgrid(k, k, indexing="ij"))
-        near = np.hypot(fy, fx) <= cutoff + self._step
-        self._fy, self._fx = fy[near], fx[near]
-        self._cells = np.stack([self._behind(*f) for f in zip(self._fy, self._fx, strict=True)])
+        is_inside = np.hypot(fy, fx) <= cutoff + self._step
+        self._fy, self._fx = fy[is_inside], fx[is_inside]
+        self._cells = np.stack(
+            [self._cell_intensity(*f) for f in zip(self._fy, self._fx, strict=True)]
+        )
 
     def __repr__(self) -> str:
-        about = self._about
+        parameters = self._parameters
         return (
-            f"<EvenLight {about['magnification']:g}x, up to NA {self.largest:.3g}, "
+            f"<EvenLight {parameters['magnification']:g}x, up to NA {self.largest:.3g}, "
             f"{self.samples} x {self.samples} samples a cell>"
         )
 
@@ -93,18 +97,18 @@ class EvenLight:
                 return density
         return 1
 
-    def _behind(self, fy: float, fx: float) -> Vector:
+    def _cell_intensity(self, fy: float, fx: float) -> Vector:
         """Return the intensity of a plane wave on a cell of the sensor, float32."""
-        about, n = self._about, self.samples
-        lam, focal = about["wavelength"], about["lenslet_focal_length"]
-        step = about["lenslet_pitch"] / n
+        parameters, n = self._parameters, self.samples
+        lam, focal = parameters["wavelength"], parameters["lenslet_focal_length"]
+        step = parameters["lenslet_pitch"] / n
         x = (np.arange(n) - (n - 1) / 2) * step
         r2 = x[:, None] ** 2 + x**2
         lens = np.exp(-1j * np.pi * r2 / (lam * focal))
-        half = about["lenslet_diameter"] / 2
-        if about["lenslet_fill"] == "circular":
+        half = parameters["lenslet_diameter"] / 2
+        if parameters["lenslet_fill"] == "circular":
             lens = lens * (r2 <= half**2)
-        elif half < about["lenslet_pitch"] / 2:
+        elif half < parameters["lenslet_pitch"] / 2:
             lens = lens * (abs(x[:, None]) <= half) * (abs(x) <= half)
         g = fft.fftfreq(n, step)
         square = np.maximum(1 / lam**2 - ((g + fy) ** 2)[:, None] - (g + fx) ** 2, 0)
@@ -120,11 +124,11 @@ class EvenLight:
         if not 0 < na <= self.largest:
             raise ValueError(f"na must be between 0 and {self.largest:.4g}, got {na!r}.")
         check_finite(apodisation=apodisation)
-        about = self._about
+        parameters = self._parameters
         part = ((np.arange(SUBSAMPLES) + 0.5) / SUBSAMPLES - 0.5) * self._step
         fy, fx = self._fy[:, None, None] + part[:, None], self._fx[:, None, None] + part
-        sine2 = (fy**2 + fx**2) * (about["magnification"] * about["wavelength"]) ** 2
-        cosine2 = np.maximum(1 - sine2 / about["medium_index"] ** 2, 1e-9)
+        sine2 = (fy**2 + fx**2) * (parameters["magnification"] * parameters["wavelength"]) ** 2
+        cosine2 = np.maximum(1 - sine2 / parameters["medium_index"] ** 2, 1e-9)
         weight = ((sine2 <= na**2) * cosine2**apodisation).mean(axis=(1, 2))
         weight = weight * (1 + (self._fy > 0)) * (1 + (self._fx > 0))  # with mirror images
         cell = np.tensordot(weight, self._cells, 1)
@@ -146,7 +150,7 @@ class EvenLight:
         if lattice.shape is None:
             raise ValueError("The lattice has no frame shape: give its shape.")
         to_cells = np.linalg.inv(np.array([lattice.row, lattice.column]).T)
-        away = np.indices(lattice.shape, float) - np.array(lattice.origin)[:, None, None]
-        lenslets = np.tensordot(to_cells, away, 1)
+        offsets = np.indices(lattice.shape, float) - np.array(lattice.origin)[:, None, None]
+        lenslets = np.tensordot(to_cells, offsets, 1)
         samples = (lenslets - np.round(lenslets)) * n + (n - 1) / 2
         return np.asarray(map_coordinates(smooth, samples, order=3, mode="grid-wrap"))

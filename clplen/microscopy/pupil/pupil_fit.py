@@ -290,12 +290,12 @@ def fit_pupil_patches(
     for top, bottom in zip(edges[0][:-1], edges[0][1:], strict=True):
         row = []
         for left, right in zip(edges[1][:-1], edges[1][1:], strict=True):
-            at = (slice(top, bottom), slice(left, right))
+            patch = (slice(top, bottom), slice(left, right))
             arrays = {
-                "background": background if np.ndim(background) == 0 else background[at],
-                "white": None if white is None else white[at],
+                "background": background if np.ndim(background) == 0 else background[patch],
+                "white": None if white is None else white[patch],
             }
-            row.append(fit_pupil(counts[at], camera, **arrays, **options))
+            row.append(fit_pupil(counts[patch], camera, **arrays, **options))
         fits.append(row)
     return fits
 

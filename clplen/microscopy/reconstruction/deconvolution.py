@@ -232,10 +232,10 @@ def deconvolve(
         raise ValueError("The white frame is 0 everywhere, which excludes all pixels.")
     if not counts[:, weight > 0].any(axis=1).all():
         raise ValueError("A frame is black: it must have counts at pixels that are not excluded.")
-    dim = _background(background, np.shape(frame)).reshape(counts.shape)
-    counts = np.where(weight > 0, counts, dim)
+    background_counts = _background(background, np.shape(frame)).reshape(counts.shape)
+    counts = np.where(weight > 0, counts, background_counts)
     rule = prior_of(prior, strength, projector, counts, _before(before, prior, projector))
-    iteration = _Iteration(projector, rule, counts, weight, dim, start)
+    iteration = _Iteration(projector, rule, counts, weight, background_counts, start)
     threshold = variance * iteration.noise if residual == "noise" else residual
     acceleration = Acceleration(iteration.volumes, iteration.device) if accelerate else None
     history: list[Vector] = []
@@ -349,21 +349,21 @@ class _Iteration:
         shape = (len(counts), *projector.volume_shape)
         if start is None:
             light = np.maximum(lit.sum(axis=1), 1e-30)
-            even = light / np.prod(projector.volume_shape) / max(float(white.mean()), 1e-30)
-            begin = np.broadcast_to(even[:, None, None, None], shape).astype(np.float32)
+            level = light / np.prod(projector.volume_shape) / max(float(white.mean()), 1e-30)
+            initial = np.broadcast_to(level[:, None, None, None], shape).astype(np.float32)
         else:
-            begin = _positive(
+            initial = _positive(
                 start, projector.volume_shape, "A start", "set these voxels to 0 or more"
             )
-            begin = begin.reshape(-1, *shape[1:])
-            if len(begin) not in (1, len(counts)):
+            initial = initial.reshape(-1, *shape[1:])
+            if len(initial) not in (1, len(counts)):
                 raise ShapeError(
-                    f"start must have 1 volume or {len(counts)}, one per frame, got {len(begin)}."
+                    f"start must have 1 volume or {len(counts)}, one per frame, got {len(initial)}."
                 )
-            if not begin.any(axis=(1, 2, 3)).all():
+            if not initial.any(axis=(1, 2, 3)).all():
                 raise ValueError("A start is 0 everywhere and would stay 0: leave it out.")
-            begin = np.broadcast_to(begin, shape)
-        self.volumes = device.upload(np.ascontiguousarray(begin, np.float32))
+            initial = np.broadcast_to(initial, shape)
+        self.volumes = device.upload(np.ascontiguousarray(initial, np.float32))
 
     def step(self) -> Vector:
         """Perform an iteration; return the residual of each frame before it."""
@@ -409,14 +409,14 @@ def _background(values: Any, shape: tuple[int, ...]) -> Vector:
     return np.ascontiguousarray(counts)
 
 
-def _positive(values: Any, shape: tuple[int, ...], what: str, advice: str) -> Vector:
+def _positive(values: Any, shape: tuple[int, ...], name: str, advice: str) -> Vector:
     """Check the shape and the signs of values; return them as float32."""
-    samples = real_array(values, what)
+    samples = real_array(values, name)
     if samples.shape[-len(shape) :] != shape or not samples.size:
         raise ShapeError(
-            f"{what} must have shape (..., {', '.join(map(str, shape))}), got {samples.shape}."
+            f"{name} must have shape (..., {', '.join(map(str, shape))}), got {samples.shape}."
         )
     bad = int(np.count_nonzero(~(samples >= 0) | ~np.isfinite(samples)))
     if bad:
-        raise ValueError(f"{what} has {bad} negative or non-finite samples: {advice}.")
+        raise ValueError(f"{name} has {bad} negative or non-finite samples: {advice}.")
     return np.ascontiguousarray(samples)

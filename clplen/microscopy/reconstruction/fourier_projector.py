@@ -137,9 +137,9 @@ class FourierProjector(VolumeProjector):
         return ()  # every sub-image resolves every plane
 
     def require_memory(self, frames: int, *, volumes: int = 1, pictures: int = 1) -> None:
-        what = frames_together(frames)
+        name = frames_together(frames)
         values = volumes * math.prod(self.volume_shape) + pictures * math.prod(self.frame_shape)
-        self.device.require_memory(4 * frames * values, what)
+        self.device.require_memory(4 * frames * values, name)
         plane = self.nbytes // len(self.images.planes)
         windows = 8 * len(self.images.centres) * math.prod(self._spectrum)
         transfers = self.nbytes if self.resident else 2 * plane
@@ -147,7 +147,7 @@ class FourierProjector(VolumeProjector):
         free = free_memory() + sum(transfer.nbytes for transfer in self._cache.values())
         if nbytes > free:
             raise DeviceError(
-                f"{what} needs {amount(nbytes, 'B')} of host memory, {amount(free, 'B')} are free: "
+                f"{name} needs {amount(nbytes, 'B')} of host memory, {amount(free, 'B')} are free: "
                 "take fewer planes or lenslets, or give memory=."
             )
 

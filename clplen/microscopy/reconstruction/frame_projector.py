@@ -162,7 +162,7 @@ class FrameProjector(Projector):
             views, self._model_shape, self._grid, device=self.device, interpolation="spline"
         )
 
-    def of_cell(self, cell: Vector) -> Vector:
+    def tiled_frame(self, cell: Vector) -> Vector:
         """Return the frame of an array with identical cells.
 
         ``cell`` contains the B-spline coefficients of a cell in counts per camera pixel, shape (ny,
@@ -178,9 +178,9 @@ class FrameProjector(Projector):
         (rows, columns), (ny, nx) = self.shape, self._cell.pixels
         return model.reshape(rows, ny, columns, nx)
 
-    def _of_part(self, plane: int, part: int, start: int, count: int) -> Vector:
+    def _part_images(self, plane: int, part: int, start: int, count: int) -> Vector:
         """Return the spline coefficients of point images, scaled to the area of camera pixels."""
-        pictures = super()._of_part(plane, part, start, count)
+        pictures = super()._part_images(plane, part, start, count)
         coefficients = spline_coefficients(pictures)
         coefficients *= self._area
         return coefficients.astype(np.float32)
@@ -224,8 +224,8 @@ def lattice_of(camera: Microscope) -> Lattice:
     is_first_kind = mla.types() == 0
     if mla.lattice == "hexagonal":
         is_first_kind[1::2] = False
-    away = np.hypot(*np.moveaxis(centres - (np.array(grid.shape) - 1) / 2, -1, 0))
-    y, x = centres.reshape(-1, 2)[np.where(is_first_kind, away, np.inf).argmin()]
+    distance = np.hypot(*np.moveaxis(centres - (np.array(grid.shape) - 1) / 2, -1, 0))
+    y, x = centres.reshape(-1, 2)[np.where(is_first_kind, distance, np.inf).argmin()]
     cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
     row = (mla.row_pitch * cos / pitch, -mla.row_pitch * sin / pitch)
     column = (mla.pitch * sin / pitch, mla.pitch * cos / pitch)

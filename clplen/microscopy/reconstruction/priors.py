@@ -149,14 +149,14 @@ class Sieve(Prior):
         padded = self.device.empty((frames, planes, ny, nx + 2 * self.margin), np.float32)
         out = self.device.empty(unknowns.shape, np.float32)
         sizes = [np.int32(n) for n in (self.margin, planes, ny, nx)]
-        for name, to, of in (("down", padded, unknowns), ("across", out, padded)):
+        for name, target, source in (("down", padded, unknowns), ("across", out, padded)):
             kernel = self.device.kernel("sieve.cl", name)
             shape = (frames * planes, ny, nx)
-            self.device.launch_rows(kernel, shape, to, of, *self._tables, *sizes)
+            self.device.launch_rows(kernel, shape, target, source, *self._tables, *sizes)
         return out
 
     def gathered(self, back: cla.Array) -> cla.Array:
-        """Apply the adjoint of G, which is G."""
+        """Apply the adjoint of `volumes`: G is self-adjoint."""
         return self.volumes(back)
 
 

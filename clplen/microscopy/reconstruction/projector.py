@@ -419,7 +419,7 @@ class Projector(VolumeProjector):
             pairs = range(max(0, (1 - first) // 2), min(self._pictures, (columns - first + 1) // 2))
             step = self._image_batch
             for batch in (pairs[k : k + step] for k in range(0, len(pairs), step)):
-                pictures = device.upload(self._of_part(plane, part, batch.start, len(batch)))
+                pictures = device.upload(self._part_images(plane, part, batch.start, len(batch)))
                 stack = (len(batch), 0, len(batch))
                 fields = self._fields(pictures, cell.pixels, len(batch), stack, across, reach)
                 sizes = (batch.start, rows, voxels, first, columns, part & 1, *self._window)
@@ -427,7 +427,7 @@ class Projector(VolumeProjector):
                 device.launch(kernel, size, matrix, fields, *(np.int32(k) for k in sizes))
         return matrix
 
-    def _of_part(self, plane: int, part: int, start: int, count: int) -> Vector:
+    def _part_images(self, plane: int, part: int, start: int, count: int) -> Vector:
         """Return ``count`` point images of a plane, numbered up to the central voxel of a cell."""
         shape = self.images.stored[plane].shape[1:]
         pictures = np.empty((count, *shape), np.float32)

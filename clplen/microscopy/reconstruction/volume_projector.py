@@ -33,11 +33,11 @@ class VolumeProjector(ABC):
     resident: bool
 
     def __init__(
-        self, images: AnyImages, shape: Any, what: str, device: Device, memory: Any
+        self, images: AnyImages, shape: Any, name: str, device: Device, memory: Any
     ) -> None:
         """Check and store the arguments; ``what`` names the shape in messages."""
         self.images, self.device = images, device
-        self.shape = checked_pair(shape, what)
+        self.shape = checked_pair(shape, name)
         if memory is not None and not (is_finite(memory) and memory >= 0):
             raise ValueError(f"memory must be a number of bytes or None, got {memory!r}.")
         self._cache: dict[Hashable, Any] = {}
@@ -179,10 +179,10 @@ class VolumeProjector(ABC):
         )
 
 
-def checked_pair(shape: Any, what: str) -> Pair:
+def checked_pair(shape: Any, name: str) -> Pair:
     """Return two positive whole numbers."""
     if np.shape(shape) != (2,) or any(not is_integer(n) or n < 1 for n in shape):
-        raise ShapeError(f"shape must be {what}, got {shape!r}.")
+        raise ShapeError(f"shape must be {name}, got {shape!r}.")
     return int(shape[0]), int(shape[1])
 
 

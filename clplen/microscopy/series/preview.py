@@ -40,8 +40,8 @@ def preview(counts: Vector, images: PointImages, device: Device) -> Vector:
 
 def disparities(z: Vector, images: PointImages) -> Vector:
     """Return the disparities of planes at z metres, in lenslets per pixel of a lenslet."""
-    about = images.parameters
-    step = about["lenslet_pitch"] / images.pixels
-    scale = about["magnification"] ** 2 * step / about["medium_index"]
-    scale /= about["lenslet_focal_length"] * about["lenslet_pitch"]
+    parameters = images.parameters
+    step = parameters["lenslet_pitch"] / images.pixels
+    scale = parameters["magnification"] ** 2 * step / parameters["medium_index"]
+    scale /= parameters["lenslet_focal_length"] * parameters["lenslet_pitch"]
     return np.asarray(-z * scale)

@@ -178,7 +178,7 @@ def test_files_that_are_no_lattice_or_mask(tmp_path: Path, psf: Path, device: De
     tiny = json.loads(Lattice("square", (5, 5), (11, 0), (0, 11)).to_json())
     texts = {
         "cannot be read": b"\xff\xfe\0",
-        "must be at least 3 pixels": json.dumps(tiny | {"row": [1e-7, 0], "column": [0, 1e-7]}).encode(),
+        "at least 3 pixels": json.dumps(tiny | {"row": [1e-7, 0], "column": [0, 1e-7]}).encode(),
         "and the lattice": json.dumps(tiny | {"shape": [100, 100]}).encode(),
     }
     for words, content in texts.items():
