@@ -37,6 +37,7 @@ _SYSTEM = (("/", "dev"), ("/", "proc"), ("/", "sys"))  # these hold no ordinary 
 _SHARED_MEMORY = ("/", "dev", "shm")
 
 
+
 def is_ours(path: PathLike) -> bool:
     """Whether clplen wrote a file or a Zarr folder, as far as it tells."""
     path = Path(path)

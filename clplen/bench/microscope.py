@@ -184,7 +184,6 @@ def measure_series(device: Device, size: str, repeats: int) -> Report:
     volume = rng.random(projector.volume_shape, dtype=np.float32) ** 8
     frame = projector.forward(volume)
     frames = np.stack([frame * np.float32(1 + 0.01 * t) for t in range(BATCH)])
-
     def one() -> None:
         deconvolve(frame, projector, iterations=ITERATIONS, start=volume + 1e-3)
 

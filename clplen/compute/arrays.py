@@ -131,7 +131,6 @@ class Image(Savable, Plottable, OnDevice):
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.shape} {self.data.dtype}, {self.device.name}>"
 
-
 _DEFINES = {np.dtype(np.float64): {"DOUBLE": True}, np.dtype(np.float16): {"HALF": True}}
 LENGTH = 2**14  # reals that one work-item reads: enough to forget the cost of starting it
 _GROUP = 64  # work-items of a GPU that read a quarter of that, as finite.cl has it

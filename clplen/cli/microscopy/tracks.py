@@ -201,7 +201,9 @@ def track(
     axes = axes_of(series, voxel_um)
     found = _found(series, axes, is_region, how)
     step = step_um if len(step_um) > 1 else step_um[0]
-    tracks = track_points(found, step=step, gaps=gaps, motion=motion, shortest=shortest, unit="m")
+    tracks = track_points(
+        found, step=step, gaps=gaps, motion=motion, shortest=shortest, unit="m"
+    )
     if not len(tracks):
         kind = "region" if is_region else "point"
         raise click.ClickException(

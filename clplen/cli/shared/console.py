@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from clplen.lightfield.model.stored_light_field import StoredLightField
     from clplen.lightfield.refocusing.focal_stacks import FocalStack
 
-
 class Commands(click.Group):
     """Commands whose expected failures are one sentence, not a traceback."""
 

@@ -109,7 +109,8 @@ _PLANES = click.option(
     cls=Option,
     group=FOCUSED,
     type=Magnifications(),
-    help="Planes in focus by m = b/a, START:STOP:N or 0.1,0.2; default: 11 that suit it.",
+    help="Planes in focus by m = b/a, START:STOP:N or 0.1,0.2; default: "
+    "11 that suit it.",
 )
 picture_words = _with(
     click.option(

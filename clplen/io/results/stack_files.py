@@ -264,7 +264,9 @@ def write_depth(
         disparity = depth.disparity.astype(np.float32, copy=False)
         write_picture(path, disparity, description=f"disparity, {_DISPARITY}", durable=durable)
     else:
-        raise ValueError(f"Disparities are written as .pfm, .tif or .zarr, not as {path}.")
+        raise ValueError(
+            f"Disparities are written as .pfm, .tif or .zarr, not as {path}."
+        )
 
 
 def _known(depth: DepthMap) -> dict[str, np.ndarray[Any, Any]]:

@@ -134,7 +134,9 @@ def chunk_sides(size: tuple[int, ...]) -> tuple[int, int]:
     return rows, columns
 
 
-def create_level(folder: Path, name: str, size: tuple[int, ...], chunks: tuple[int, ...]) -> Any:
+def create_level(
+    folder: Path, name: str, size: tuple[int, ...], chunks: tuple[int, ...]
+) -> Any:
     """Create an array of float32 without compression."""
     return _zarr().create(
         size,

@@ -121,6 +121,7 @@ def _blocks(
     return _Blocks(planes, width, height, pitch, cost)
 
 
+
 FORMS = ("blocks", "staged", "samples")
 _NORM_FLOATS = 1 << 23  # of the weights that samples use, in one launch
 _MOST_PLANES = 64  # of one launch without blocks

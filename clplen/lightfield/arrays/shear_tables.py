@@ -58,7 +58,9 @@ class Views:
         )
 
 
-def split_views(shape: tuple[int, ...], weights: Table, shift_y: Table, shift_x: Table) -> Views:
+def split_views(
+    shape: tuple[int, ...], weights: Table, shift_y: Table, shift_x: Table
+) -> Views:
     """Weights (V, U) and shifts (P, V) and (P, U), or (P, V, U), as the kernels take them."""
     w = np.asarray(weights, np.float64)
     sy, sx = (np.asarray(shift, np.float64) for shift in (shift_y, shift_x))

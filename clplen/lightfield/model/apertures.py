@@ -382,6 +382,8 @@ def _checked_cells(cells: Vector, name: str) -> Weights:
     return np.where(cells < _ROUNDING, 0.0, cells).astype(np.float32)
 
 
+
+
 def aperture_weights(lf: SampledViews, aperture: Any, viewpoint: Any) -> Weights:
     """Weights of an aperture, without the light field's own.
 

@@ -96,7 +96,9 @@ def _image_distance(lf: Any, image_distance: float | None) -> float:
     return image_distance
 
 
-def _launch(lf: Any, axes: tuple[_Axis, _Axis], counts: tuple[int, ...], interpolation: str) -> Any:
+def _launch(
+    lf: Any, axes: tuple[_Axis, _Axis], counts: tuple[int, ...], interpolation: str
+) -> Any:
     device = lf.device
     shape = (*counts, *lf.shape[2:])
     nbytes = 4 * math.prod(shape)

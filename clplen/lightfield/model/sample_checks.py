@@ -122,7 +122,9 @@ def checked_spacing(spacing: Any) -> Spacing | None:
     except OverflowError:  # a whole number above 1.8e308
         values = ()
     if len(values) != 4 or 0.0 in values:
-        raise ValueError(f"spacing is (dv, du, dy, dx) in metres, none of them 0, not {spacing!r}.")
+        raise ValueError(
+            f"spacing is (dv, du, dy, dx) in metres, none of them 0, not {spacing!r}."
+        )
     return values
 
 

@@ -85,7 +85,8 @@ class Exposure:
 
 
 class CameraModel(Protocol):
-    """What the light-field tower asks of a camera; all lengths in metres."""
+    """What the light-field tower asks of a camera; all lengths in metres.
+    """
 
     @property
     def kind(self) -> str:

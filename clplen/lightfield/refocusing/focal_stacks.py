@@ -233,7 +233,9 @@ def shear_halo(source: SampledViews, planes: Vector, reach: int) -> tuple[int, i
     return min(y, source.shape[2]), min(x, source.shape[3])
 
 
-def stack_memory(source: SampledViews, planes: Vector, *, kept: int = 0) -> list[MemoryEstimate]:
+def stack_memory(
+    source: SampledViews, planes: Vector, *, kept: int = 0
+) -> list[MemoryEstimate]:
     """What a focal stack needs: all planes of a tile at once, or fewer and fewer."""
     channels = (*source.shape, 1)[4]
     halo = shear_halo(source, planes, 0)
