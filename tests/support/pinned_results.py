@@ -1356,7 +1356,8 @@ def measure_point_images():
     z = np.array([-15e-6, 0, 15e-6])
     beads = [fourier_scope().expose(clplen.PointSources((0, 0, one + 2e-6))) for one in z]
     found = microscopy.measure_point_images(fourier_scope(), np.stack(beads), z)
-    return {"image": found.images.image(1, (0, 0)), **parts(found, "offset places depths error")}
+    names = "offset positions depths error"
+    return {"image": found.images.image(1, (0, 0)), **parts(found, names)}
 
 
 # Files: each writer with its reader
