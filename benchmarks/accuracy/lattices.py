@@ -109,7 +109,7 @@ class Way:
         """(x, y) in metres of voxel (0, 0), and the steps (down, right) to the next ones."""
         projector = self.projector
         if isinstance(projector, FrameProjector):
-            first, down, right = (np.array(one) for one in projector.place().values())
+            first, down, right = (np.array(one) for one in projector.voxel_grid().values())
         else:
             side = PIXELS / VOXELS
             first, down, right = (

@@ -20,7 +20,7 @@ from clplen.config.scene import CoherenceTable, SceneTable
 from clplen.config.tables import Count, Positive, Table, read_toml, validated
 from clplen.errors import FormatError
 from clplen.files import PathLike
-from clplen.microscopy.frames.prepare import LEAST
+from clplen.microscopy.frames.prepare import MIN_PIXELS_PER_PITCH
 from clplen.microscopy.model.binning import suitable_binning
 
 _POWERS = (3, -3, 6, -6, 9, -9)  # powers of 10 between m, mm, um and nm
@@ -256,9 +256,9 @@ def _simulable(
         return _unrectified(camera, binning, pixels, path)
     if pixels is None:
         pixels = whole_pixels(across)
-    if not LEAST * across <= pixels <= PIXELS.high:
+    if not MIN_PIXELS_PER_PITCH * across <= pixels <= PIXELS.high:
         raise FormatError(
-            f"{path}: the number of pixels per lenslet must be {math.ceil(LEAST * across)} to "
+            f"{path}: the number of pixels per lenslet must be {math.ceil(MIN_PIXELS_PER_PITCH * across)} to "
             f"{PIXELS.high:g} for frames with {across:.5g}, got {pixels}: change it, or leave it "
             "out."
         )

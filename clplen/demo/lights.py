@@ -234,7 +234,7 @@ def run(
     step("figures")
     titles = [f"focused on the {thing.name}" for thing in THINGS]
     plot.save(plot.raw_image(raw, details=_details(cam)), folder / "raw.png")
-    plot.save(plot.views(lf, shown=5, scale="root"), folder / "views.png")
+    plot.save(plot.views(lf, max_views=5, scale="root"), folder / "views.png")
     plot.save(plot.refocused(pictures, titles, scale="root"), folder / "refocused.png")
     plot.save(distance_figure(1e3 * distances), folder / "depth.png")
     step("page")

@@ -1,6 +1,6 @@
 from .fourier.bead_stack import measure_point_images as measure_point_images
 from .fourier.fourier_psf import fourier_point_images as fourier_point_images
-from .frames.given_lattice import square_lattice as square_lattice
+from .frames.nominal_lattice import square_lattice as square_lattice
 from .frames.prepare import Preparation as Preparation
 from .frames.prepare import preparation as preparation
 from .frames.prepare import rectify as rectify

@@ -1,4 +1,4 @@
-"""Files of a deconvolution: point images of either microscope, raw frames, and volumes."""
+"""Files of a deconvolution: point images of both kinds of microscope, raw frames and volumes."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ Values = np.ndarray[Any, Any]
 
 
 def read_psf(path: PathLike) -> AnyImages:
-    """Point images of a file, of either microscope; a parameter file is told from it."""
+    """Read the point images of a microscope or a Fourier microscope; reject a parameter file."""
     if Path(path).suffix.lower() == ".toml":
         raise FormatError(
-            f"{path} has the parameters of a microscope, not its point images: make them by "
-            f"'clplen microscope psf {path} -o PSF.h5'."
+            f"{path} contains the parameters of a microscope, not its point images: simulate them "
+            f"by 'clplen microscope psf {path} -o PSF.h5'."
         )
     return read_point_images(path)
 
 
 def refuse_volume(path: PathLike) -> None:
-    """Refuse a volume where a raw frame is expected."""
+    """Raise FormatError if the file is a volume instead of a raw frame."""
     if is_volume(path):
-        raise FormatError(f"{path} is a volume, as clplen writes them: give raw frames.")
+        raise FormatError(f"{path} is a volume written by clplen: give raw frames.")
 
 
 def read_picture(path: PathLike, frame: int | None = None) -> Values:
-    """A frame of one channel, of a file or of its ``frame``."""
+    """Read a single-channel frame from a file, or frame number ``frame`` of a stack."""
     refuse_volume(path)
     picture, _ = read_frame(path, frame=frame)
     if picture.ndim != 2:
@@ -51,23 +51,23 @@ def read_picture(path: PathLike, frame: int | None = None) -> Values:
 
 def write_result(
     path: PathLike,
-    found: DeconvolutionResult,
+    result: DeconvolutionResult,
     images: AnyImages,
     *,
     more: dict[str, Any],
     replace: bool = False,
 ) -> None:
-    """Write a volume with what is known of it."""
+    """Write a volume with its planes, voxel size, residuals and the entries of ``more``."""
     write_volume(
         path,
-        found.volume,
+        result.volume,
         planes=images.planes,
         voxel=images.sides,
         description={
             "voxel_um": [round(side * 1e6, 9) for side in images.sides],
             "values": "energy of a voxel, photons (counts over the gain) of the frame",
-            "residuals": [float(one) for one in found.residuals],
-            "degenerate_um": [round(z * 1e6, 9) for z in found.degenerate],
+            "residuals": [float(residual) for residual in result.residuals],
+            "degenerate_um": [round(z * 1e6, 9) for z in result.degenerate],
             **more,
         },
         durable=True,

@@ -1,4 +1,4 @@
-"""Deconvolution of frames of a light-field microscope; matrices are shared from item to item."""
+"""Deconvolution of the frames of a light-field microscope, with matrices shared between frames."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from clplen.microscopy.frames.prepare import Preparation, Prepared, preparation
 from clplen.microscopy.frames.raw_frames import RawPreparation, raw_preparation
 from clplen.microscopy.frames.sharpness import sharpness
 from clplen.microscopy.model import point_image_files
-from clplen.microscopy.model.cells import place_of
+from clplen.microscopy.model.cells import voxel_grid
 from clplen.microscopy.model.fourier_images import FourierPointImages
 from clplen.microscopy.model.images import PointImages
 from clplen.microscopy.model.point_image_files import AnyImages
@@ -33,7 +33,7 @@ from clplen.microscopy.reconstruction.projector import Projector
 from clplen.microscopy.series.series import (
     SeriesFrame,
     batch_for,
-    found_in_batches,
+    deconvolve_batches,
     rolling_minimum,
 )
 from clplen.microscopy.series.starts import Start
@@ -41,44 +41,43 @@ from clplen.microscopy.settings import DeconvolutionSettings
 
 
 class Deconvolver:
-    """What frames of one camera share: point images, lattice and matrices.
+    """Deconvolution of all frames of a camera, with shared point images, lattice and matrices.
 
-    Called with a frame of `prepared`, it returns its volume, a `DeconvolutionResult`.
+    Calling it with a frame from `prepared` returns its volume, a `DeconvolutionResult`.
 
     Parameters
     ----------
     images : PointImages or FourierPointImages
-        Of the microscope, as `clplen.point_images` makes them, or
-        `clplen.microscopy.fourier_point_images`, whose frames are not rectified.
+        Point images of the microscope, from `clplen.point_images` or
+        `clplen.microscopy.fourier_point_images`. Frames of a Fourier microscope are not rectified.
     how : DeconvolutionSettings
-        Iterations, background, gain and what else decides the volumes.
+        Iterations, background, gain and the other settings that determine the volumes.
     device : Device or str, optional
         Default ``Device.open()``.
     white, dark : path-like, optional
-        Frames; without a white one frames are rectified already. Point images with
-        ``sensor_pixels``, or of another than a square array, need one: frames are then not
-        rectified but explained as they are (`clplen.microscopy.FrameProjector`).
+        White and dark frame; without a white frame, frames must be rectified already. Point images
+        with ``sensor_pixels``, or of an array that is not square, require a white frame: raw
+        frames are then modelled without rectification (`clplen.microscopy.FrameProjector`).
     memory : int, optional
-        Bytes for matrices, as of `Projector`.
+        Memory for matrices in bytes; see `Projector`.
     force : bool
-        Whether to go on where the lattice of the white frame is not to be trusted, as of
-        `preparation`.
+        True to continue with an unreliable lattice of the white frame; see `preparation`.
     lattice : Lattice, optional
-        Of frames without a white one, with their shape.
+        Lattice of frames without a white frame, with the shape of the frames.
     mask : path-like, optional
-        Picture that is not 0 where pixels are left out.
+        Picture with nonzero values at excluded pixels.
 
     Attributes
     ----------
     pupil : PupilCheck or None
-        How the point images' pupil fits the white frame; None without one.
+        Comparison of the modelled pupil with the white frame; None without a white frame.
 
     Raises
     ------
     FormatError
         If a file is missing, damaged or of another kind.
     ShapeError, ValueError
-        As `preparation`; if the settings are radiometric without a white frame.
+        See `preparation`; also if the settings are radiometric without a white frame.
 
     Examples
     --------
@@ -108,90 +107,91 @@ class Deconvolver:
         device = as_device(device)
         self.images, self.how, self.device, self._memory = images, how, device, memory
         how.require_white(white is not None)
-        self.begin = Start(how.start, images, motion=how.motion)
+        self.start = Start(how.start, images, motion=how.motion)
         self._files = {"white": white, "dark": dark, "mask": mask}
         self._lattice = lattice
         self.pupil: PupilCheck | None = None
-        beside = {name: read_picture(path) for name, path in self._files.items() if path}
+        references = {name: read_picture(path) for name, path in self._files.items() if path}
         with naming(white or mask or "Without a white frame"):
-            self._prepare = self._prepared_for(beside, force)
+            self._prepare = self._preparation(references, force)
         self._projector: Projector | FourierProjector | None = None
 
-    def _prepared_for(self, beside: dict[str, Values], force: bool) -> Preparation:
-        """What frames share, rectified or as they are."""
+    def _preparation(self, references: dict[str, Values], force: bool) -> Preparation:
+        """Return the preparation of rectified or of raw frames, as the point images need it."""
         images, how = self.images, self.how
-        given: dict[str, Any] = {"device": self.device, "saturation": how.saturation, **beside}
-        given["force"] = force
+        options: dict[str, Any] = {
+            "device": self.device, "saturation": how.saturation, "force": force, **references
+        }  # fmt: skip
         if isinstance(images, FourierPointImages):
-            _refuse_of_others(beside, self._lattice, how.radiometric)
-            return preparation(1, sharpest=None if how.keep_hot else sharpness(images), **given)
+            _check_fourier(references, self._lattice, how.radiometric)
+            return preparation(1, sharpest=None if how.keep_hot else sharpness(images), **options)
         if "sensor_pixels" not in images.parameters and images.cell.lenslets == (1, 1):
-            return self._rectified(images, given)
-        if "white" not in beside:
+            return self._rectified(images, options)
+        if "white" not in references:
             raise ValueError(
-                "these point images are those of frames that are not rectified, whose lattice the "
-                "white frame tells: give it."
+                "these point images model raw frames without rectification, which requires the "
+                "lattice of a white frame: give the white frame."
             )
         if how.radiometric:
             raise ValueError(
-                "The correction of the pupil (radiometric) is for rectified frames: leave it out, "
-                "or make point images without --unrectified."
+                "The correction of the pupil (radiometric) requires rectified frames: leave it "
+                "out, or make point images without --unrectified."
             )
-        return raw_preparation(images, find_hot=not how.keep_hot, memory=self._memory, **given)
+        return raw_preparation(images, find_hot=not how.keep_hot, memory=self._memory, **options)
 
-    def _rectified(self, images: PointImages, given: dict[str, Any]) -> Preparation:
-        """What frames share that are rectified; the pupil is compared with the white one."""
+    def _rectified(self, images: PointImages, options: dict[str, Any]) -> Preparation:
+        """Return the preparation of rectified frames; compare the pupil with the white frame."""
         how = self.how
         sharpest = None if how.keep_hot else sharpness(images)
-        found = preparation(images.pixels, lattice=self._lattice, sharpest=sharpest, **given)
-        self.pupil = check_pupil(images, found)
+        prepare = preparation(images.pixels, lattice=self._lattice, sharpest=sharpest, **options)
+        self.pupil = check_pupil(images, prepare)
         if not how.radiometric or self.pupil is None:
-            return found
-        return corrected(found, self.pupil)
+            return prepare
+        return corrected(prepare, self.pupil)
 
     @cached_property
-    def words(self) -> dict[str, Any]:
-        """What all volumes depend on; see `provenance`."""
+    def provenance(self) -> dict[str, Any]:
+        """Settings, files and point images that all volumes depend on; see `provenance`."""
         return provenance(self.images, self.how, **self._files, lattice=self._lattice)
 
     def checks(self) -> list[str]:
-        """Return sentences on the settings, the white frame and the point images."""
-        how, said = self.how, []
+        """Return messages about the settings, the white frame and the point images."""
+        how, messages = self.how, []
         if how.gain is None and (how.residual == "noise" or how.prior in ("tv", "time")):
-            what = "residual noise" if how.residual == "noise" else f"prior {how.prior}"
-            said.append(f"{what} takes each count as a photon: give the gain of the camera.")
+            setting = "residual noise" if how.residual == "noise" else f"prior {how.prior}"
+            messages.append(f"{setting} treats counts as photons: give the gain of the camera.")
         if self._files["white"] and not self._files["dark"]:
-            said.append(
+            messages.append(
                 "without a dark frame the offset of the camera counts as light: do not compare "
                 "residuals and volumes with those made with a dark frame."
             )
         if isinstance(self.images, FourierPointImages):
-            return said
-        return said + diagnostics.diagnose_series(
+            return messages
+        return messages + diagnostics.diagnose_series(
             self.images, self._prepare, self.pupil, how.radiometric
         )
 
     def prepared(self, frame: Values) -> Prepared:
-        """A raw frame, rectified where point images are those of rectified frames."""
+        """Prepare a raw frame; rectify it if the point images require it."""
         return self._prepare(frame, saturation=self.how.saturation)
 
-    def place(self) -> dict[str, tuple[float, float]]:
-        """Of the voxels on the raw frame; see `Preparation.place`.
+    def voxel_grid(self) -> dict[str, tuple[float, float]]:
+        """Return the voxel grid on the raw frame; see `Preparation.voxel_grid`.
 
-        Of a Fourier microscope under the sub-image that is nearest to the middle.
+        For a Fourier microscope it is the grid under the sub-image nearest to the centre.
         """
         if isinstance(self.images, FourierPointImages):
-            return _under_the_middle(self.images)
-        return self._prepare.place(self.images.voxels)
+            return _central_voxel_grid(self.images)
+        return self._prepare.voxel_grid(self.images.voxels)
 
     def diagnose(
-        self, frame: Prepared, found: DeconvolutionResult | None = None, low: Values | None = None
+        self, frame: Prepared, result: DeconvolutionResult | None = None, low: Values | None = None
     ) -> list[str]:
-        """Sentences on a frame, or on its volume; see `clplen.microscopy.diagnostics`."""
+        """Return messages about a frame, or about its volume; see `diagnostics`."""
         prepare = self._prepare
-        if isinstance(prepare, RawPreparation):  # sub-images have no pixels to be compared
+        if isinstance(prepare, RawPreparation):  # raw sub-images have no common pixel grid
             prepare = replace(prepare, level=None)
-        if found is None:
+        if result is None:
             return diagnostics.diagnose_frame(prepare, frame, self.how.background)
         if isinstance(prepare, RawPreparation):
             return []
@@ -199,14 +199,15 @@ class Deconvolver:
         gain, variance = self.how.gain or 1.0, self._prepare.variance
         level = self._prepare.level
         pupil = 0.0 if self.pupil is None or self.how.radiometric else self.pupil.share
-        placed = self._prepare.lattice is not None or isinstance(self.images, FourierPointImages)
+        is_fourier = isinstance(self.images, FourierPointImages)
         return diagnostics.diagnose_volume(
-            found.residuals, frame, background * gain, level, self._prepare.pixels, gain * variance,
-            pupil=pupil, placed=placed,
+            result.residuals, frame, background * gain, level, self._prepare.pixels,
+            gain * variance, pupil=pupil,
+            is_located=self._prepare.lattice is not None or is_fourier,
         )  # fmt: skip
 
     def _light(self, frame: Prepared, low: Values | None = None) -> tuple[Values, Values]:
-        """Photons of a frame, and those from nowhere in the volume: at least ``low`` counts."""
+        """Return the photons of a frame and its background, at least ``low`` counts."""
         how, gain = self.how, self.how.gain or 1.0
         counts = frame.counts / np.float32(gain)
         background = np.full_like(counts, how.background * self._prepare.area / gain)
@@ -224,19 +225,19 @@ class Deconvolver:
         progress: Callable[[int, int], None] | None = None,
         watch: Callable[[Values], None] | None = None,
     ) -> DeconvolutionResult:
-        """Return the volume behind a prepared frame; ``start`` is the volume of the frame before.
+        """Return the volume of a prepared frame; ``start`` is the volume of the previous frame.
 
-        ``progress`` and ``watch`` are those of `deconvolve`.
+        For ``progress`` and ``watch`` see `deconvolve`.
         """
         counts, background = self._light(frame)
-        begin = self.begin if self.begin.name else Start("previous", self.images)
-        begun = None if start is None else begin.volumes(start, 1)
+        rule = self.start if self.start.name else Start("previous", self.images)
+        initial = None if start is None else rule.volumes(start, 1)
         return deconvolve(
             counts,
             self.projector_for(frame.counts.shape),
             background=background,
             white=frame.white,
-            start=None if begun is None else begun[0],
+            start=None if initial is None else initial[0],
             progress=progress,
             watch=watch,
             **self._options,
@@ -244,7 +245,7 @@ class Deconvolver:
 
     @property
     def _options(self) -> dict[str, Any]:
-        """Those of `deconvolve` that all frames share."""
+        """Options of `deconvolve` that all frames share."""
         how = self.how
         return {
             "iterations": how.iterations,
@@ -256,7 +257,7 @@ class Deconvolver:
         }
 
     def batch(self, shape: tuple[int, ...]) -> int:
-        """Frames of a shape that are found together; see `clplen.microscopy.deconvolve_series`."""
+        """Return the number of frames per batch; see `clplen.microscopy.deconvolve_series`."""
         how = self.how
         projector = self.projector_for(shape)
         return batch_for(projector, how.batch, accelerate=how.accelerate, prior=how.prior)
@@ -271,27 +272,27 @@ class Deconvolver:
         progress: Callable[[int, int], None] | None = None,
         watch: Callable[[Values], None] | None = None,
     ) -> Iterator[DeconvolutionResult]:
-        """Yield the volumes behind frames, ``batch`` at a time.
+        """Yield the volumes of frames of one ``shape``, ``batch`` frames at a time.
 
-        Frames come with counts that are at least background, as of `lowest`, or None; all have
-        ``shape``. ``before`` is the volume of the frame before the first one; ``progress`` and
-        ``watch`` are those of `deconvolve`, of each batch.
+        Each frame is paired with its minimum background counts from `rolling_background`, or None.
+        ``before`` is the volume of the frame before the first one. ``progress`` and ``watch`` are
+        passed to `deconvolve` with each batch.
         """
-        lit = (SeriesFrame(*self._light(frame, low), frame.white) for frame, low in frames)
-        return found_in_batches(
-            lit, self.projector_for(shape), batch, self.begin, before=before,
+        series = (SeriesFrame(*self._light(frame, low), frame.white) for frame, low in frames)
+        return deconvolve_batches(
+            series, self.projector_for(shape), batch, self.start, before=before,
             progress=progress, watch=watch, **self._options,
         )  # fmt: skip
 
     def projector_for(self, shape: tuple[int, ...]) -> Projector | FourierProjector:
-        """The projector of frames of a shape; that of the frame before where it is the same."""
+        """Return the projector of frames of a shape, reused while the shape stays the same."""
         if isinstance(self._prepare, RawPreparation) and self._prepare.projector is not None:
             return self._prepare.projector
         if isinstance(self.images, FourierPointImages):
             return self._fourier_projector(self.images, shape)
         lenslets = (shape[0] // self.images.pixels, shape[1] // self.images.pixels)
         if self._projector is None or self._projector.shape != lenslets:
-            self._projector = None  # its matrices go before others come
+            self._projector = None  # free its matrices before allocating others
             self._projector = Projector(
                 self.images, lenslets, device=self.device, memory=self._memory
             )
@@ -302,44 +303,48 @@ class Deconvolver:
     ) -> FourierProjector:
         if shape != images.shape:
             raise ShapeError(
-                f"The frame has {shape[0]} x {shape[1]} pixels, the sensor of the point images "
-                f"{images.shape[0]} x {images.shape[1]}: give the whole frame, or sensor = "
-                f"[{shape[0]}, {shape[1]}] to the camera."
+                f"The frame must have {images.shape[0]} x {images.shape[1]} pixels, as the sensor "
+                f"of the point images, got {shape[0]} x {shape[1]}: give the whole frame, or set "
+                f"sensor = [{shape[0]}, {shape[1]}] in the camera."
             )
         if not isinstance(self._projector, FourierProjector):
             self._projector = FourierProjector(images, device=self.device, memory=self._memory)
         return self._projector
 
 
-def _refuse_of_others(beside: dict[str, Values], lattice: Lattice | None, corrected: bool) -> None:
-    """Refuse what frames of a Fourier microscope do not have."""
-    if "white" in beside or lattice is not None or corrected:
+def _check_fourier(
+    references: dict[str, Values], lattice: Lattice | None, is_corrected: bool
+) -> None:
+    """Reject a white frame, a lattice or a correction with a Fourier microscope."""
+    if "white" in references or lattice is not None or is_corrected:
         raise ValueError(
-            "Point images of a Fourier microscope know its sub-images, and how bright they "
-            "are: leave the white frame, the lattice and the radiometric correction out."
+            "Point images of a Fourier microscope include the positions and the brightness of its "
+            "sub-images: leave out the white frame, the lattice and the radiometric correction."
         )
 
 
-def _under_the_middle(images: FourierPointImages) -> dict[str, tuple[float, float]]:
-    """As `Preparation.place`, of the sub-image nearest to the middle of the sensor."""
+def _central_voxel_grid(images: FourierPointImages) -> dict[str, tuple[float, float]]:
+    """Return the voxel grid under the sub-image nearest to the centre of the sensor."""
     middle = (np.array(images.shape) - 1) / 2
     nearest = images.centres[np.square(images.centres - middle).sum(axis=1).argmin()]
     b = images.voxels
     first = nearest - np.array(images.field) // 2 - (b - 1) / (2 * b)
-    return place_of(first, (1 / b, 0.0), (0.0, 1 / b))
+    return voxel_grid(first, (1 / b, 0.0), (0.0, 1 / b))
 
 
-def lowest(frames: Iterable[Prepared], window: int) -> Iterator[tuple[Prepared, Values]]:
-    """Frames with the minimum of each pixel over the frames about them."""
-    held: deque[Prepared] = deque()
+def rolling_background(
+    frames: Iterable[Prepared], window: int
+) -> Iterator[tuple[Prepared, Values]]:
+    """Yield each frame with the minimum of each pixel over a window of frames about it."""
+    queue: deque[Prepared] = deque()
 
     def counts() -> Iterator[Values]:
         for frame in frames:
-            held.append(frame)
+            queue.append(frame)
             yield frame.counts
 
     for _, low in rolling_minimum(counts(), window):
-        yield held.popleft(), low
+        yield queue.popleft(), low
 
 
 def provenance(
@@ -351,11 +356,11 @@ def provenance(
     mask: PathLike | None = None,
     lattice: Lattice | None = None,
 ) -> dict[str, Any]:
-    """What volumes of one camera depend on besides their frames, kept with them."""
+    """Return the settings and digests of files that all volumes of a camera depend on."""
     from clplen import __version__
 
     return {
-        **how.of_frames,
+        **how.frame_settings,
         "clplen": __version__,
         "psf": point_image_files.digest(images),
         "white": digest(Path(white)) if white else None,

@@ -1,4 +1,4 @@
-"""A series of raw frames to one file of volumes, batch by batch; it goes on after it was ended."""
+"""Deconvolution of a series of raw frames into one file, batch by batch and resumable."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from clplen.io.results.volume_series import VolumeSeries
 from clplen.io.store.digest import digest
 from clplen.microscopy.deconvolution_files import Values, read_picture, refuse_volume
 from clplen.microscopy.frames.prepare import Prepared
-from clplen.microscopy.pipeline import Deconvolver, lowest
+from clplen.microscopy.pipeline import Deconvolver, rolling_background
 
 
 @dataclass(frozen=True)
 class Page:
-    """A frame: a file, or one of several in a TIFF."""
+    """A frame: a whole file, or a page of a TIFF."""
 
     path: Path
     number: int | None = None
 
     @property
     def name(self) -> str:
-        """Of its volume."""
+        """Name of its volume."""
         return self.path.stem if self.number is None else f"{self.path.stem}_{self.number:04d}"
 
     def __str__(self) -> str:
@@ -38,27 +38,28 @@ class Page:
 
 
 def pages_of(path: PathLike) -> list[Page]:
-    """The frames of a file, in order."""
+    """Return the frames of a file, in order."""
     path = Path(path)
     refuse_volume(path)
     count = frames_in(path)
     return [Page(path)] if count == 1 else [Page(path, number) for number in range(count)]
 
 
-def words_of_series(
+def series_provenance(
     pages: list[Page], shared: dict[str, Any], start: list[str | float | None], rolling: int | None
 ) -> dict[str, Any]:
-    """What the volumes of a series depend on, as JSON gives it back."""
+    """Return all inputs that the volumes of a series depend on, after a round trip by JSON."""
     digests = {path: digest(path) for path in {page.path for page in pages}}
     frames = json.dumps([[digests[page.path], page.number] for page in pages])
-    words = {"frames": sha256(frames.encode()).hexdigest(), "count": len(pages), **shared}
-    found: dict[str, Any] = json.loads(json.dumps(words | {"start": start, "rolling": rolling}))
-    return found
+    inputs = {"frames": sha256(frames.encode()).hexdigest(), "count": len(pages), **shared}
+    inputs |= {"start": start, "rolling": rolling}
+    record: dict[str, Any] = json.loads(json.dumps(inputs))
+    return record
 
 
 @dataclass(frozen=True)
 class Batch:
-    """Volumes that are on the disk, and what is said of each frame and volume."""
+    """Frames whose volumes are written, with the messages about each frame and volume."""
 
     pages: list[Page]
     frames: list[Prepared]
@@ -66,14 +67,14 @@ class Batch:
 
 
 class Remarks:
-    """Remarks on frames, each said once with the number of frames that it is of."""
+    """Messages about frames, each reported once and counted over the frames."""
 
     def __init__(self) -> None:
         self._first: dict[str, Page] = {}
         self._count: dict[str, int] = {}
 
     def new(self, batch: Batch) -> Iterator[str]:
-        """Sentences that no frame before had."""
+        """Yield the messages that no earlier frame had."""
         for page, remarks in zip(batch.pages, batch.remarks, strict=True):
             for text in remarks:
                 key = "".join(c for c in text if not c.isdigit())
@@ -83,20 +84,20 @@ class Remarks:
                 self._count[key] = self._count.get(key, 0) + 1
 
     def repeated(self, frames: int) -> Iterator[str]:
-        """How many of the frames sentences are of."""
+        """Yield the number of frames for each message that repeats."""
         for key, page in self._first.items():
             if self._count[key] > 1:
-                yield f"what is said of {page} holds for {self._count[key]} of {frames} frames."
+                yield f"the message about {page} holds for {self._count[key]} of {frames} frames."
 
 
 class SeriesWriter:
-    """The file of the volumes of some frames; iterated over, it is written batch by batch.
+    """Writer of the volumes of a series; iterating over it writes batch after batch.
 
-    ``batch`` is that of the file that is gone on with, if there is one.
+    ``batch`` is the batch size of a partly written file to resume, or None for a new file.
     """
 
     def __init__(
-        self, path: PathLike, pages: list[Page], series: Deconvolver, words: dict[str, Any],
+        self, path: PathLike, pages: list[Page], series: Deconvolver, job: dict[str, Any],
         *, batch: int | None = None,
     ) -> None:  # fmt: skip
         self.pages, self.series = pages, series
@@ -113,54 +114,55 @@ class SeriesWriter:
                 "voxel_um": [round(images.side * 1e6, 9)] * 2,
                 "values": "energy of a voxel, photons (counts over the gain) of the frame",
                 "degenerate_um": [round(z * 1e6, 9) for z in projector.degenerate],
-                "place": series.place(),
-                "job": words,
+                "place": series.voxel_grid(),
+                "job": job,
             },
             batch=self.batch,
         )
         self.done = self.file.open(go_on=batch is not None)
 
     def __iter__(self) -> Iterator[Batch]:
-        series, at = self.series, self.done
-        seen: deque[tuple[Prepared, Values | None]] = deque()  # of the batch
+        series, position = self.series, self.done
+        pending: deque[tuple[Prepared, Values | None]] = deque()  # frames of the batch
 
         def read() -> Iterator[tuple[Prepared, Values | None]]:
-            for page, one in zip(self.pages[self.done :], self._lit(), strict=True):
-                if one[0].counts.shape != self.shape:
+            for page, pair in zip(self.pages[self.done :], self._frames(), strict=True):
+                if pair[0].counts.shape != self.shape:
                     raise ShapeError(
-                        f"{page} has another size than the first frame: a series in one file is of "
-                        "one camera."
+                        f"{page} must have the size of the first frame: write frames of different "
+                        "cameras to different files."
                     )
-                seen.append(one)
-                yield one
+                pending.append(pair)
+                yield pair
 
-        before = self.file.read(at - 1) if at else None
+        before = self.file.read(position - 1) if position else None
         volumes = series.series(read(), self.shape, self.batch, before=before)
-        while some := list(islice(volumes, min(self.batch, len(self.pages) - at))):
-            pages, frames = self.pages[at : at + len(some)], []
+        while results := list(islice(volumes, min(self.batch, len(self.pages) - position))):
+            pages, frames = self.pages[position : position + len(results)], []
             records: list[dict[str, Any]] = []
-            for page, one in zip(pages, some, strict=True):
-                frame, low = seen.popleft()
+            for page, result in zip(pages, results, strict=True):
+                frame, low = pending.popleft()
                 frames.append(frame)
-                said = series.diagnose(frame) + series.diagnose(frame, one, low)
+                messages = series.diagnose(frame) + series.diagnose(frame, result, low)
                 records.append({
-                    "name": page.name, "residual": float(one.residuals[-1]),
-                    "iterations": one.iterations, "remarks": said,
+                    "name": page.name, "residual": float(result.residuals[-1]),
+                    "iterations": result.iterations, "remarks": messages,
                 })  # fmt: skip
-            self.file.append([one.volume for one in some], records)
-            at += len(some)
-            yield Batch(pages, frames, [one["remarks"] for one in records])
+            self.file.append([result.volume for result in results], records)
+            position += len(results)
+            yield Batch(pages, frames, [record["remarks"] for record in records])
         self.file.end()
 
-    def _lit(self) -> Iterator[tuple[Prepared, Values | None]]:
-        """Frames that are missing, with what of them is background."""
+    def _frames(self) -> Iterator[tuple[Prepared, Values | None]]:
+        """Yield the remaining frames with their rolling background, or None."""
         rolling = self.series.how.rolling
         if rolling is None:
             for page in self.pages[self.done :]:
                 yield self._prepared(page), None
             return
         start = max(self.done - rolling // 2, 0)
-        pairs = lowest((self._prepared(page) for page in self.pages[start:]), rolling)
+        prepared = (self._prepared(page) for page in self.pages[start:])
+        pairs = rolling_background(prepared, rolling)
         yield from islice(pairs, self.done - start, None)
 
     def _prepared(self, page: Page) -> Prepared:

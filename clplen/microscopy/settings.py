@@ -1,4 +1,4 @@
-"""The settings of a deconvolution, for Python, for jobs and for the command line."""
+"""Settings of a deconvolution, for Python, for jobs and for the command line."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any, Literal
 
 from clplen.files import PathLike, naming
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.microscopy.frames.given_lattice import check_given, square_lattice
+from clplen.microscopy.frames.nominal_lattice import check_lattice, square_lattice
 from clplen.reprs import one_line
 from clplen.settings.declaration import SettingError, Settings, named, setting, settings_of
 
-OF_FRAMES = (  # fields on which the volume of a frame depends by itself
+FRAME_SETTINGS = (  # settings that determine the volume of a single frame
     "iterations", "background", "gain", "saturation", "haze", "residual", "accelerate", "prior",
     "strength", "radiometric", "keep_hot",
 )  # fmt: skip
@@ -21,34 +21,34 @@ OF_FRAMES = (  # fields on which the volume of a frame depends by itself
 
 @dataclass(frozen=True, repr=False)
 class DeconvolutionSettings(Settings):
-    """Settings of a deconvolution, on which the volumes depend.
+    """Settings that determine the volumes of a deconvolution.
 
     Attributes
     ----------
     iterations : int
         Number of Richardson-Lucy iterations.
     background : float
-        Uniform background in counts of a pixel of the camera, above the dark level.
+        Uniform background in counts per camera pixel, above the dark level.
     gain : float or None
-        Counts of a photon; None takes each count as a photon.
+        Counts per photon; None counts each count as a photon.
     saturation : float or None
-        Level from which on pixels are left out; None is the largest of an integer type.
+        Level from which on pixels are excluded; None is the maximum of an integer type.
     haze : bool
-        Whether light from far beyond the volume is subtracted; see `Preparation.haze`.
+        True to subtract light from far beyond the volume; see `Preparation.haze`.
     residual, accelerate, prior, strength
-        As of `deconvolve`; prior "time" only of a series. ``strength`` None is 1.
+        Options of `deconvolve`; the prior "time" requires a series. ``strength`` None is 1.
     radiometric : bool
-        Whether what the modelled pupil lacks beside the white frame goes into the sensitivity; see
-        `clplen.microscopy.corrected`.
+        True to correct the pixel sensitivity by the ratio of the white frame to the modelled
+        pupil; see `clplen.microscopy.corrected`.
     keep_hot : bool
-        Whether hot pixels are kept; otherwise they are left out.
+        True to keep hot pixels, False to exclude them.
     start, motion, batch, rolling
-        As of `deconvolve_series`; None where there is no series.
+        Options of `deconvolve_series`; None without a series.
 
     Raises
     ------
     ValueError
-        If a value is out of range, or one is given without the setting that it belongs to.
+        If a value is out of range, or a setting is given without the setting that it modifies.
 
     Examples
     --------
@@ -67,37 +67,37 @@ class DeconvolutionSettings(Settings):
         flags=("--background-level",),
     )
     gain: float | None = setting(
-        None, "Counts of a photon, for the residual noise and for priors.", above=0,
+        None, "Counts per photon, for the residual noise and for priors.", above=0,
         default_text="1", example=2.2,
     )  # fmt: skip
     saturation: float | None = setting(
         None,
-        "Level from which on pixels are left out.",
+        "Saturation level; pixels at or above it are excluded.",
         above=0,
-        default_text="the largest of an integer type",
+        default_text="the maximum of an integer type",
         example=4095.0,
     )
     haze: bool = setting(
         False,
-        "Subtract light from far beyond the volume: the white frame, as dark as in the darkest "
+        "Subtract haze, light from far beyond the volume: the white frame scaled to the darkest "
         "lenslets.",
         kind=bool,
     )
     residual: float | Literal["noise"] | None = setting(
         None,
-        "Stop when the residual is below this number, or below that of photon noise.",
+        "Stop when the residual falls below this number, or below the residual of photon noise.",
         above=0,
         choices=("noise",),
         metavar="NUMBER|noise",
         example=0.01,
     )
     accelerate: bool = setting(
-        False, "Take fewer iterations, with memory for four more volumes.", kind=bool
+        False, "Accelerate the iterations; needs memory for four more volumes.", kind=bool
     )
     prior: Literal["tv", "gaussian", "time"] | None = setting(
         None,
-        "tv: against noise; gaussian: nothing finer than a lenslet about the native plane; time: "
-        "voxels of a series seldom change.",
+        "Prior. tv: small total variation, against noise; gaussian: no detail finer than a lenslet "
+        "near the native plane; time: voxels of a series change rarely.",
         kind=str,
         choices=("tv", "gaussian", "time"),
         example="tv",
@@ -111,27 +111,27 @@ class DeconvolutionSettings(Settings):
     keep_hot: bool = setting(False, "Keep hot pixels.", kind=bool)
     start: Literal["previous", "decayed", "limited"] | None = setting(
         None,
-        "Begin a frame of a series with the volume before: as it is, with half its contrast, or as "
-        "wide as things move.",
+        "Initial volume of a frame of a series, from the previous volume: unchanged, with half its "
+        "contrast, or smoothed by the motion.",
         kind=str,
         choices=("previous", "decayed", "limited"),
         example="limited",
     )
     motion: float | None = setting(
         None,
-        "Motion from frame to frame for start limited, in micrometres.",
+        "Motion between successive frames for start limited, in micrometres.",
         above=0,
         unit="um",
         default_text="half a voxel",
         example=1.0,
     )
     batch: int | None = setting(
-        None, "Number of frames of a series that are found together.", kind=int, minimum=1,
+        None, "Number of frames of a series that are deconvolved together.", kind=int, minimum=1,
         default_text="8, or fewer where memory is scarce", example=8,
     )  # fmt: skip
     rolling: int | None = setting(
         None,
-        "Number of frames of a series over which the minimum of each pixel is background.",
+        "Number of frames in a rolling window; the minimum of each pixel over it is background.",
         kind=int,
         minimum=1,
         flags=("--rolling-background",),
@@ -140,8 +140,8 @@ class DeconvolutionSettings(Settings):
     )
 
     def __repr__(self) -> str:
-        known = {one.name: getattr(self, one.name) for one in settings_of(self)}
-        return one_line(self, {k: v for k, v in known.items() if v not in (None, False)})
+        values = {option.name: getattr(self, option.name) for option in settings_of(self)}
+        return one_line(self, {k: v for k, v in values.items() if v not in (None, False)})
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -154,18 +154,21 @@ class DeconvolutionSettings(Settings):
                 "motion", f"needs {named('start')} limited: give it, or leave both out", "motion_um"
             )
 
-    def require_white(self, is_given: bool) -> None:
-        """Refuse settings that need a white frame where there is none."""
+    def require_white(self, has_white: bool) -> None:
+        """Raise SettingError if a setting needs a white frame that is missing."""
         for name in ("haze", "radiometric"):
-            if getattr(self, name) and not is_given:
+            if getattr(self, name) and not has_white:
                 raise SettingError(name, f"needs the white frame: give {named('white')}")
 
     def require_series(self, is_series: bool, *, in_turn: bool) -> None:
-        """Refuse settings of a series where frames are found alone, ``in_turn`` or anyhow."""
+        """Raise SettingError if a setting needs a series and the frames are deconvolved singly.
+
+        ``in_turn`` is the flag that each frame may start with the volume of the previous frame.
+        """
         if is_series:
             return
         if self.start is not None and not in_turn:
-            raise SettingError("start", "needs frames one after the other: leave it out")
+            raise SettingError("start", "needs successive frames: leave it out")
         if self.prior == "time":
             raise SettingError("prior", "time needs a series of frames in one file")
         for name in ("batch", "rolling"):
@@ -173,30 +176,31 @@ class DeconvolutionSettings(Settings):
                 raise SettingError(name, "needs a series of frames in one file")
 
     @property
-    def of_frames(self) -> dict[str, Any]:
-        """Values on which the volume of a frame depends by itself, defaults filled in."""
-        values = {name: getattr(self, name) for name in OF_FRAMES}
+    def frame_settings(self) -> dict[str, Any]:
+        """Settings that determine the volume of a single frame, with defaults filled in."""
+        values = {name: getattr(self, name) for name in FRAME_SETTINGS}
         return values | {"gain": self.gain or 1.0, "strength": self.strength or 1.0}
 
 
 @dataclass(frozen=True)
 class LatticeSettings(Settings):
-    """Pixels that are left out, and the lattice of frames that have no white frame."""
+    """Mask of excluded pixels, and lattice of frames without a white frame."""
 
     mask: str | None = setting(
-        None, "Picture that is not 0 where pixels are left out.", kind=Path, example="mask.png"
-    )
+        None, "Mask picture; pixels with nonzero values are excluded.", kind=Path,
+        example="mask.png",
+    )  # fmt: skip
     lattice: str | None = setting(
-        None, "JSON file of the lattice, where there is no white frame.", kind=Path,
+        None, "JSON file of the lattice, for frames without a white frame.", kind=Path,
         example="lattice.json",
     )  # fmt: skip
     pitch: float | None = setting(
-        None, "Pitch of a square lattice in pixels, where there is no white frame.", above=0,
+        None, "Pitch of a square lattice in pixels, for frames without a white frame.", above=0,
         example=15.4,
     )  # fmt: skip
     offset: tuple[float, float] | None = setting(
         None,
-        "Centre of a lenslet in pixels, whose centres are integers.",
+        "Centre of a lenslet in pixels; pixel centres have integer coordinates.",
         pair=True,
         metavar="Y:X",
         default_text="in the corner",
@@ -217,20 +221,20 @@ class LatticeSettings(Settings):
 
     @property
     def has_lattice(self) -> bool:
-        """Whether a lattice is given."""
+        """Flag that a lattice or its pitch is given."""
         return self.lattice is not None or self.pitch is not None
 
-    def require_no_white(self, is_given: bool) -> None:
-        """Refuse a lattice beside a white frame."""
+    def require_no_white(self, has_white: bool) -> None:
+        """Raise SettingError if both a lattice and a white frame are given."""
         for name in ("lattice", "pitch"):
-            if getattr(self, name) is not None and is_given:
+            if getattr(self, name) is not None and has_white:
                 self._refuse_both(name, "white")
 
     def _refuse_both(self, name: str, other: str) -> None:
-        raise SettingError(name, f"and {named(other)} both give the lattice: give one of them")
+        raise SettingError(name, f"and {named(other)} both define the lattice: give one of them")
 
-    def of_frame(self, shape: tuple[int, int], frame: PathLike) -> Lattice | None:
-        """Return the lattice on frames of a shape, None without one."""
+    def lattice_for(self, shape: tuple[int, int], frame: PathLike) -> Lattice | None:
+        """Return the lattice for frames of a shape, or None if no lattice is given."""
         if self.pitch is not None:
             with naming(frame):
                 return square_lattice(
@@ -239,9 +243,9 @@ class LatticeSettings(Settings):
                 )  # fmt: skip
         if self.lattice is None:
             return None
-        found = Lattice.load(Path(self.lattice))
-        if found.shape is None:
-            found = replace(found, shape=shape)
+        lattice = Lattice.load(Path(self.lattice))
+        if lattice.shape is None:
+            lattice = replace(lattice, shape=shape)
         with naming(self.lattice):
-            check_given(found)
-        return found
+            check_lattice(lattice)
+        return lattice

@@ -15,7 +15,7 @@ from clplen.lightfield.raw.decode import resample
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.microscopy.model.images import PointImages
-from clplen.microscopy.reconstruction.deconvolution import LEAST, deconvolve
+from clplen.microscopy.reconstruction.deconvolution import MIN_SENSITIVITY, deconvolve
 from clplen.microscopy.reconstruction.projector import Projector
 from clplen.selftest import twins
 from clplen.selftest.check import Check, Pairs
@@ -168,7 +168,7 @@ def _deconvolved(device: Device) -> Pairs:
             x, before, last = np.maximum(x + a * (x - before), 0), x, step
             origin = x
         back = H.T @ (w * I / (w * (H @ x) + b))
-        x = np.where(sensitivity > LEAST * sensitivity.max(), x * back / sensitivity, 0)
+        x = np.where(sensitivity > MIN_SENSITIVITY * sensitivity.max(), x * back / sensitivity, 0)
     shape = projector.frame_shape
     result = deconvolve(
         I.reshape(shape), projector, iterations=4, background=b, white=w.reshape(shape),

@@ -2,12 +2,13 @@
  *
  *   C[b, r, l] = a[b, l w + m] + i a[b, l w + m'],   m = (r / wx, r % wx),  m' = w - 1 - m
  *
- * for the wy x wx samples m of lenslet l; r counts those up to the middle one, whose own mirror
- * image it is if both are odd. A lenslet may be a cell of several (cells.py). decimate fills a window of (ny, nx) lattice points with
- * zeros: point l holds lenslet l + first, l < (ny + 1)/2, and l - ny + first beyond with -DCENTRED,
- * so that a picture about lenslet `first` = (fy, fx) has that one at l = 0. interleave is the inverse for the
- * window's first points; least: no sample is below it. Of pictures in stacks of `all` their planes
- * start, start + 1, ... are taken, `planes` of them, in order of the stacks.
+ * for the wy x wx samples m of lenslet l; r counts the pairs up to the middle sample, which is its
+ * own mirror image if both are odd. A cell of several lenslets may replace a lenslet (cells.py).
+ * decimate pads a window of (ny, nx) lattice points with zeros. Point l contains lenslet l + first;
+ * with -DCENTRED it is l + first for l < (ny + 1)/2 and l - ny + first beyond, so that lenslet
+ * `first` = (fy, fx) is at l = 0. interleave is the inverse for the first points of the window; no
+ * sample is below `least`. From stacks of `all` pictures the planes start, start + 1, ... are used,
+ * `planes` of each stack.
  *
  * -DCENTRED  see above
  * -DROWS     see common.cl
@@ -15,13 +16,13 @@
  */
 #include "common.cl"
 
-/* Number of a picture in the stacks. */
+/* Index of a picture in the stacks. */
 inline int picture(int b, int planes, int start, int all)
 {
     return b / planes * all + start + b % planes;
 }
 
-/* Number of the lenslet at a lattice point. */
+/* Index of the lenslet at a lattice point. */
 inline int lenslet(int l, int n, int first)
 {
 #ifdef CENTRED
@@ -66,7 +67,7 @@ __kernel void interleave(__global float *restrict a, __global const float2 *rest
     const int ly = y / wy, my = y % wy;
     const size_t to = row_start(picture(b, planes, start, all), y, rows * wy, columns * wx);
 #ifdef ROWS
-    for (int mx = 0; mx < wx; ++mx) { /* without a division for each sample */
+    for (int mx = 0; mx < wx; ++mx) { /* avoids a division for each sample */
         const int m = my * wx + mx, r = min(m, wy * wx - 1 - m);
         __global const float2 *from = C + row_start(b * pairs + r, ly, ny, nx);
         __global float *out = a + to + mx;

@@ -1,32 +1,32 @@
 /* Spectra of the fields of lattice.cl in a basis in which a mirror-symmetric projection is real.
  *
- * With A, B the spectra of the samples m and m' of a pair r, C = A + i B that of its field, pack
- * makes the rows
+ * With the spectra A, B of the samples m and m' of a pair r, and C = A + i B of its field, pack
+ * computes the rows
  *
  *   alpha = (A + B)/sqrt 2,  beta = (A - B)/(i sqrt 2)      (the middle sample: A alone)
  *
- * of frequencies q = (y, x) with 0 <= y <= ny/2, 0 <= x <= nx/2, sixteen to a block:
+ * of frequencies q = (y, x) with 0 <= y <= ny/2, 0 <= x <= nx/2, in blocks of sixteen:
  *
  *   D[b, q / 16, (plane parts + part) rows + row, column, q % 16],
  *       column = Re, Im at (y, x), Re, Im at (-y, x)
  *
- * where at (-y, x) the pairs are exchanged by the mirror y -> -y, beta with its sign. All of it is
+ * At (-y, x) the mirror y -> -y exchanges the pairs, with a sign of beta. The transform is
  * orthogonal, so that the adjoint of a projection is its transpose. unpack is the inverse.
  *
- * An array without a mirror has point images of several parts (cells.py), each with a matrix that is
- * real and the same at (y, x) and (-y, x), and rows of its own, which are those above times i (bit 0
- * of the part) and negative at (-y, x) (bit 1). Of `parts` parts the bits of the p-th are `bits` >>
- * 2 p. unpack, the transpose of pack, adds up what they give.
+ * An array without mirror symmetry has point images of several parts (cells.py). Each part has its
+ * own real matrix, equal at (y, x) and (-y, x), and its own rows: the rows above times i (bit 0 of
+ * the part) and negative at (-y, x) (bit 1). `bits` >> 2 p gives the bits of part p of `parts`.
+ * unpack, the transpose of pack, sums over the parts.
  *
- * assemble makes the matrix of a projection from the spectra of its point images, C[t - start, r] for
- * the voxel of pair t: with H = A and G = conj(B) = those of the voxel's mirror image,
+ * assemble computes the matrix of a projection from the spectra C[t - start, r] of the point image
+ * of the voxel of pair t: with H = A and G = conj(B), the spectra of the voxel's mirror image,
  *
  *   alpha' = Re(H + G) alpha - Im(H - G) beta,   beta' = Im(H + G) alpha + Re(H - G) beta
  *
  *   R[q / 16, row of the picture, first + row of the volume, q % 16]
  *
- * from A and B over i where `odd`, those of a part with bit 0. wy, wx: samples of a lenslet's, or of
- * a cell's, picture or volume; V, W of all of them, of the picture and of the volume. Mapping of pack and
+ * A and B are divided by i if `odd`, for a part with bit 0. wy, wx: samples of a lenslet, or cell, of
+ * a picture or volume; V, W: their products for the picture and the volume. Mapping of pack and
  * assemble: axis 0 = q with FOR_X, axis 1 = pair r, axis 2 = batch; of unpack: FOR_X over C.
  * -DROWS: see common.cl.
  */
@@ -35,7 +35,7 @@
 #define HALF_ROOT 0.70710678f
 #define WIDTH 16
 
-/* A and B at a frequency from C there and C at the opposite one. */
+/* A and B at a frequency from C at this and at the opposite frequency. */
 inline float4 parts_of(float2 c, float2 o)
 {
     const float2 A = (float2)(c.x + o.x, c.y - o.y) / 2;
@@ -43,7 +43,7 @@ inline float4 parts_of(float2 c, float2 o)
     return (float4)(A, B);
 }
 
-/* The pair that the mirror y -> -y makes of r; -1 less it where it turns the pair round. */
+/* The mirror image s of pair r under y -> -y, or -1 - s if it also reverses the pair. */
 inline int mirrored(int r, int wy, int wx)
 {
     const int t = (wy - 1 - r / wx) * wx + r % wx, last = wy * wx - 1;
@@ -57,7 +57,7 @@ inline float4 rotated(float4 p)
     return (float4)(s, d.y, -d.x);
 }
 
-/* A row of four columns in its part. */
+/* Store a row of four columns of a part. */
 inline void store(__global float *to, float4 value, int part)
 {
     const float below = part & 2 ? -1 : 1;
@@ -69,7 +69,7 @@ inline void store(__global float *to, float4 value, int part)
     to[3 * WIDTH] = below * value.w;
 }
 
-/* The transpose of `store`, of two of the columns. */
+/* The transpose of `store`, for two of the columns. */
 inline float2 load(__global const float *from, int part, bool below)
 {
     float2 value = (float2)(from[0], from[WIDTH]);
@@ -109,7 +109,7 @@ __kernel void pack(__global float *restrict D, __global const float2 *restrict C
     }
 }
 
-/* alpha and beta of a pair at a frequency, the sum of what its parts give, each from `apart` rows on. */
+/* alpha and beta of a pair at a frequency, summed over its parts, which are `apart` numbers apart. */
 inline float4 summed(__global const float *from, const int parts, const int bits, const size_t apart,
                      const float scale, const float sign, const bool below)
 {
@@ -123,7 +123,7 @@ inline float4 summed(__global const float *from, const int parts, const int bits
     return sum;
 }
 
-/* C of a pair at a frequency, from its alpha and beta; far: from those of the opposite one. */
+/* C of a pair at a frequency from its alpha and beta; far: from those of the opposite frequency. */
 inline float2 unpacked(const float4 sum, const bool far)
 {
     const float2 A = (float2)(sum.x - sum.w, sum.y + sum.z);
@@ -142,7 +142,7 @@ __kernel void unpack(__global float2 *restrict C, __global const float *restrict
     const bool single = 2 * r == V - 1;
     const float scale = single ? 1 : HALF_ROOT;
     const size_t to = row_start(batch, y, ny, nx), apart = (size_t)planes * parts * V * 4 * WIDTH;
-    for (int side = 0; side < 2; ++side) { /* columns 0 to nx/2, and those beyond */
+    for (int side = 0; side < 2; ++side) { /* columns 0 to nx/2, then the others */
         const bool far = side;
         const int fy = far ? (ny - y) % ny : y;
         const bool below = fy > ny / 2;

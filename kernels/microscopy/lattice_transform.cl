@@ -1,24 +1,24 @@
-/* Pictures of lenslets to packed spectra and back in one step: lattice.cl, the Fourier transforms and
- * lattice_spectra.cl, which say what C and D are, with C in the cache only.
+/* Pictures of lenslets to packed spectra and back in a single step: lattice.cl, the Fourier transforms
+ * and lattice_spectra.cl, which define C and D, with C in the cache only.
  *
  *   spectra    D = pack of the transforms over y and x of C = decimate of a
  *   pictures   a = interleave of the inverse transforms of C = unpack of D, the transpose of spectra
  *              times its part of 1/(ny nx); no sample is below `least`
  *
- * Sixteen fields C are transformed together, one to a lane. Along y only the columns that hold lenslets
- * are transformed, along x only the rows of which lenslets come out. A transform over n = p q r ... is
- * the self-sorting one of Stockham (Cochran et al. 1967), in radices of 2, 3, 4, 5 and 7:
+ * Sixteen fields C are transformed together, a field per lane. Along y only the columns with lenslets
+ * are transformed, along x only the rows from which lenslets result. A transform over n = p q r ... is
+ * Stockham's self-sorting transform (Cochran et al. 1967), in radices of 2, 3, 4, 5 and 7:
  *
  *   X'[i + m (k + l j)] = w_n^(l i j) sum_s w_p^(j s) X[i + m (s + p k)],   n = l p m,  w_n = exp(-2 pi i/n)
  *
- * for k < l, i < m, j < p, where l is the product of the radices before. The inverse is that of fields
- * whose real and imaginary parts have changed places.
+ * for k < l, i < m, j < p, where l is the product of the previous radices. The inverse transforms
+ * fields with exchanged real and imaginary parts.
  *
- * turns_y, turns_x: w_n^t, t < n; radices_y, radices_x: their radices, then 0. scratch: for each item
- * 2 ny nx + 10 max(ny, nx) vectors. batch: all fields; the others as
- * of lattice.cl and lattice_spectra.cl.
+ * turns_y, turns_x: w_n^t, t < n; radices_y, radices_x: the radices, terminated by 0. scratch:
+ * 2 ny nx + 10 max(ny, nx) vectors per item. batch: number of fields; other arguments as in
+ * lattice.cl and lattice_spectra.cl.
  *
- * For CPUs. Mapping: axis 0 = items, each of which takes every so many-th sixteen of the fields.
+ * For CPUs. Mapping: axis 0 = items, which share the groups of sixteen fields in turn.
  */
 #include "common.cl"
 
@@ -26,7 +26,7 @@
 #define HALF_ROOT 0.70710678f
 typedef float16 vec;
 
-/* The sum of a product: a function of vectors, without which clang makes two halves of each. */
+/* sum + a b, as a function of vectors: clang splits the inlined expression into two halves. */
 inline vec plus(const vec sum, const vec a, const vec b)
 {
     return sum + a * b;
@@ -84,7 +84,7 @@ __constant float SIN_7[7] = {0, 0.781831482f, 0.974927912f, 0.433883739f, -0.433
 #define BUTTERFLY_5 ODD(5)
 #define BUTTERFLY_7 ODD(7)
 
-/* One radix of a transform: from X to X' of samples so many pairs of vectors apart. */
+/* A pass of a transform from X to X', whose samples are `step` pairs of vectors apart. */
 #define PASS(P)                                                                                     \
     inline void pass_##P(__global vec *to, const int to_step, __global const vec *from,             \
                          const int from_step, __global const float2 *turns, const int before,       \
@@ -119,7 +119,7 @@ PASS(4)
 PASS(5)
 PASS(7)
 
-/* The transform of n samples; temp: room for 4 n vectors. */
+/* The transform of n samples; temp has 4 n vectors. */
 inline void transform(__global vec *to, const int to_step, __global const vec *from, int from_step,
                       __global vec *temp, __global const float2 *turns,
                       __global const int *radices, const int n)
@@ -143,7 +143,7 @@ inline void transform(__global vec *to, const int to_step, __global const vec *f
     }
 }
 
-/* Eight lanes of each in turn. */
+/* Interleave the lanes of two vectors. */
 inline vec shuffled(const float8 even, const float8 odd)
 {
     vec both;
@@ -168,11 +168,11 @@ inline void transpose(vec *rows)
     }
 }
 
-/* Sixteen fields: where their samples lie in the pictures, and their rows in the spectra. */
+/* Sixteen fields: offsets of their samples in the pictures and of their rows in the spectra. */
 typedef struct {
     size_t one[WIDTH], other[WIDTH]; /* of the samples m and m' of the first lenslet */
-    size_t row[WIDTH], mirror[WIDTH]; /* of the rows of the pair and of the one that a mirror makes */
-    float scale[WIDTH], sign[WIDTH]; /* of alpha; of beta in the mirror, 0 of a middle sample */
+    size_t row[WIDTH], mirror[WIDTH]; /* of the rows of the pair and of its mirror image */
+    float scale[WIDTH], sign[WIDTH]; /* of alpha; of beta in the mirror, 0 for a middle sample */
     int count;
 } Fields;
 
@@ -198,15 +198,15 @@ inline void describe(Fields *fields, const int first, const int batch, const int
     }
 }
 
-/* The places of a vector of alpha (0, 1) or beta (2, 3) of a frequency, and of its mirror image (4 to 7),
- * in a row of four columns. */
+/* Offset of a vector of alpha (0, 1) or beta (2, 3) of a frequency, or of its mirror image (4 to 7), in
+ * a row of four columns. */
 inline size_t place(const Fields *fields, const int l, const int k)
 {
     const size_t row = k < 4 ? fields->row[l] : fields->mirror[l];
     return row + (k & 2 ? 4 * WIDTH : 0) + ((k & 1) + (k < 4 ? 0 : 2)) * WIDTH;
 }
 
-/* One of the eight vectors in a part: times i for an odd one, negative in the mirror for a second one. */
+/* Index of a vector in a part: odd parts (bit 0) are multiplied by i. */
 inline int source(const int k, const int part)
 {
     return part & 1 ? k ^ 1 : k;
@@ -217,7 +217,7 @@ inline float factor(const int k, const int part)
     return (part & 1 && !(k & 1) ? -1 : 1) * (part & 2 && k > 3 ? -1 : 1);
 }
 
-/* Writes a block of sixteen frequencies, whose lanes become rows. Addresses rise. */
+/* Write a block of sixteen frequencies, whose lanes become rows, at rising addresses. */
 inline void write_block(__global float *D, const Fields *fields, vec held[8][WIDTH],
                         const size_t block, const int planes, const int parts, const int bits,
                         const int V)
@@ -235,7 +235,7 @@ inline void write_block(__global float *D, const Fields *fields, vec held[8][WID
     }
 }
 
-/* Reads one, the sum of what its parts give. */
+/* Read a block of sixteen frequencies, summed over its parts. */
 inline void read_block(vec held[8][WIDTH], __global const float *D, const Fields *fields,
                        const size_t block, const int planes, const int parts, const int bits,
                        const int V)

@@ -3,17 +3,17 @@
  *   forward    g[b, q, i] (+)= sum_j R[q, i, j] f[b, q, j]
  *   backward   f[b, q, j]    = sum_i R[q, i, j] g[b, q, i]
  *
- * R, f, g: as lattice_spectra.cl packs them, f and g with four columns a row, sixteen frequencies
- * to a block; i < rows counts samples of a lenslet's picture, j < columns voxels of a lenslet.
+ * R, f, g: packed by lattice_spectra.cl, f and g with four columns per row, in blocks of sixteen
+ * frequencies; i < rows counts samples of a lenslet's picture, j < columns voxels of a lenslet.
  *
- * HEIGHT rows of the result and four columns of a frame stay in registers, summed over DEPTH terms:
- * that much of R, HEIGHT x DEPTH numbers, is read once and stays in the first-level cache for all
- * frames b; DEPTH rows of all frames and PANEL rows of the result stay in the second.
+ * HEIGHT rows of the result and four columns of a frame stay in registers, summed over DEPTH terms.
+ * HEIGHT x DEPTH numbers of R are read once and stay in the first-level cache for all frames b; DEPTH
+ * rows of all frames and PANEL rows of the result stay in the second-level cache.
  *
  * -DLANES=1 | 16  frequencies of an item
  * -DHEIGHT=n      rows of the result in registers
  * -DDEPTH=n       terms of a sum before the next rows, with -DROWS
- * -DPANEL=n       rows of the result that are summed up before the next ones, with -DROWS
+ * -DPANEL=n       rows of the result that are summed before the next rows, with -DROWS
  * -DADD           forward adds to g
  * -DROWS          see common.cl
  * Mapping: axis 0 = blocks of sixteen frequencies with -DROWS (an item takes all rows, CPUs); axis 0
@@ -26,9 +26,9 @@ typedef float16 vec;
 #else
 typedef float vec;
 #endif
-#define STEP (16 / LANES) /* from one row of sixteen frequencies to the next, in vectors */
+#define STEP (16 / LANES) /* between successive rows of sixteen frequencies, in vectors */
 
-/* A row of sixteen frequencies, from the item's own on. */
+/* A row of sixteen frequencies, from the frequency of the item on. */
 inline __global const vec *row_of(__global const float *from, size_t row, int lane)
 {
     return (__global const vec *)from + row * STEP + lane;
@@ -39,8 +39,8 @@ inline vec plus(const vec sum, const vec a, const vec b)
     return sum + a * b;
 }
 
-/* Adds to some rows of the result, at `to`, of one frame, the sum over `terms` rows at `in` and of the
- * matrix, whose numbers of a row of the result lie `apart` and of a term `step` further on. */
+/* Add the sum over `terms` rows at `in` to `height` rows of the result of a frame, at `to`. In the
+ * matrix, rows of the result are `apart` numbers apart, and terms `step` numbers. */
 inline void sum_up(__global vec *to, __global const vec *in, __global const vec *matrix,
                    const int height, const int terms, const size_t apart, const size_t step,
                    const bool add)
@@ -75,8 +75,8 @@ inline void sum_up(__global vec *to, __global const vec *in, __global const vec 
                 to[(4 * i + k) * STEP] = sum[i][k];
 }
 
-/* out[b, q, i] (+)= sum_j M[q, i, j] in[b, q, j], i < rows, j < terms; numbers of M lie `apart` for the
- * next i and `step` for the next j. */
+/* out[b, q, i] (+)= sum_j M[q, i, j] in[b, q, j], i < rows, j < terms; the strides of M are `apart`
+ * for i and `step` for j. */
 inline void multiply(__global float *out, __global const float *M, __global const float *in,
                      const int rows, const int terms, const size_t apart, const size_t step,
                      const int blocks, const int frames, const bool add)

@@ -1,12 +1,12 @@
-/* Steps of Richardson and Lucy's iteration V <- V H'(w I/(w H V + b)) / H'w.
+/* Steps of the Richardson-Lucy iteration V <- V H'(w I/(w H V + b)) / H'w.
  *
  *   expected   E = w E + b
  *   ratio      out = w I/E, 0 where E or w is 0
  *   update     V = V B/N, 0 where N <= least
  *   moved      G = X - Y
- *   ahead      X = Y = max(x + a (x - P), 0), P = x, x = X before, a of the frame
+ *   ahead      X = Y = max(x + a (x - P), 0), P = x, with the previous X as x, a of the frame
  *
- * for arrays of (frames, size), b too; w, N: (size), the same for all frames.
+ * for arrays of (frames, size), b included; w, N: (size), common to all frames.
  * Mapping: FOR_X of common.cl over (frames, ny, nx) with ny nx = size. -DROWS: see common.cl.
  */
 #include "common.cl"

@@ -1,9 +1,9 @@
-/* Every plane of volumes, smoothed by its own symmetric window; beyond the edges it is reflected.
+/* Smoothing of every plane of volumes by its own symmetric window, with reflected edges.
  *
  *   down     padded[f, z, y, m + x] = sum_s w[z, |s|] in[f, z, y + s, x],   -m <= x < nx + m
  *   across   out[f, z, y, x] = sum_t w[z, |t|] padded[f, z, y, m + x + t],  abs(s), abs(t) <= r[z]
  *
- * for 0 <= r[z] <= m <= ny, nx. Reflected as d c b a | a b c d the windows are their own adjoint.
+ * for 0 <= r[z] <= m <= ny, nx. With the reflection d c b a | a b c d the smoothing is self-adjoint.
  * Mapping: FOR_X of common.cl over (frames planes, ny, nx). -DROWS: see common.cl.
  */
 #include "common.cl"

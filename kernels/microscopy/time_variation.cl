@@ -1,10 +1,10 @@
-/* What little variation in time asks of a step of Richardson and Lucy's iteration (total variation
- * of Rudin, Osher and Fatemi 1992, one step late as Green 1990):
+/* Prior for a small variation in time, in a Richardson-Lucy step (total variation of Rudin, Osher and
+ * Fatemi 1992, evaluated at the previous step as by Green 1990):
  *
  *   restrain_time   B[t] = B[t]/(1 - a[t] (p[t] - p[t - 1])),  p[t] = d/sqrt(d^2 + e[t]^2)
  *
- * d = V[t + 1] - V[t], 0 beyond the last frame; before the first one the volume `before` is taken
- * if there is one (begun = 1), else nothing.
+ * d = V[t + 1] - V[t], 0 after the last frame. The first frame is compared with the volume `before` if
+ * begun = 1, else with none.
  * Mapping: FOR_X of common.cl over (planes, ny, nx). -DROWS: see common.cl.
  */
 #include "common.cl"

@@ -1,12 +1,12 @@
-/* What little total variation asks of a step of Richardson and Lucy's iteration (Dey et al. 2006):
+/* Prior for a small total variation, in a Richardson-Lucy step (Dey et al. 2006):
  *
  *   steepness   S = 1/sqrt(|g|^2 + e^2),  g = grad(V/t)
  *   restrain    B = B/(1 - a div(S g))
  *
- * g are differences to the next voxel along x, y and z (0 beyond the last), div those to the one
- * before. Lengths are in sides of a voxel: t[z] is the thickness of a plane, gap[z] the distance to
- * the plane above[z] of larger z, below[z] the one of smaller z, itself where there is none. Planes
- * are in any order. a, e: those of the frame.
+ * g are differences to the next voxel along x, y and z (0 for the last voxel), div sums differences to
+ * the previous voxel. Lengths are in sides of a voxel: t[z] is the thickness of a plane, gap[z] the
+ * distance to the next plane above[z] of larger z; below[z] is the next plane of smaller z. Without
+ * such a plane they are z itself. Planes are in any order. a, e: of the frame.
  * Mapping: FOR_X of common.cl over (frames planes, ny, nx). -DROWS: see common.cl.
  */
 #include "common.cl"
@@ -40,7 +40,7 @@ __kernel void restrain(__global float *restrict B, __global const float *restric
     const int y = get_global_id(1), frame = get_global_id(2) / planes, first = frame * planes;
     const int z = get_global_id(2) - first, up = above[z], down = below[z];
     const float weight = a[frame] / t[z];
-    /* g of z over t, from the densities above, here and below */
+    /* z component of g over t, from the densities of the plane and its neighbours */
     const float upper = 1 / (t[up] * gap[z]), lower = 1 / (t[z] * gap[z]);
     const float before = 1 / (t[z] * gap[down]), last = 1 / (t[down] * gap[down]);
     const size_t row = row_start(first + z, y, ny, nx);

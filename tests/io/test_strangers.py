@@ -197,7 +197,7 @@ def test_point_images_that_declare_more_than_they_hold(tmp_path: Path):
         file.attrs.update({"format": point_image_files.FORMAT, "parameters": "{}", "digest": ""})
         file.create_dataset("planes/0000", (10**4, 10**3, 10**3), "f4", chunks=(1, 10**3, 10**3))
         file["scales"] = np.ones(1)
-    refused("no whole file of point images", point_image_files.read_point_images, tmp_path / "a.h5")
+    refused("not a complete file", point_image_files.read_point_images, tmp_path / "a.h5")
 
 
 # XML and TIFF

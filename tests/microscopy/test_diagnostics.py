@@ -43,11 +43,11 @@ def test_of_frames(device: Device, white: Any) -> None:
 
     frame = white * light
     assert not said(frame, 0.9 * frame.mean())
-    assert "hardly anything is left" in said(frame, 1.1 * frame.mean())
-    assert "the background of 900 counts is above the mean of the frame" in said(frame, 900)
+    assert "almost no light remains" in said(frame, 1.1 * frame.mean())
+    assert "the background of 900 counts exceeds the mean of the frame" in said(frame, 900)
     assert "(+2.0, +0.0)" in said(np.roll(frame, 2, axis=0))
     assert not said(0.6 * frame + 0.4 * np.roll(frame, 1, axis=1))
-    assert "60 saturated or not finite pixels are left out (1.9 %)" in said(frame, left_out=60)
+    assert "60 saturated or non-finite pixels are excluded (1.9 %)" in said(frame, left_out=60)
     prepare = prepare_of(device, frame)
     even = np.kron(np.resize([0.9, 1.1], SIZE), np.ones((N, N)))  # unevenness .1 against .5
     assert "are they exchanged?" in said(white * even)
@@ -64,11 +64,11 @@ def test_pixels_below_the_dark_frame(device: Device, white: Any) -> None:
     found = prepare(frame)
     assert (found.negative, found.deep, found.size) == (4, 2, white.size)
     (text,) = diagnostics.diagnose_frame(replace(prepare, level=None), found, 0)
-    assert "taken as 0 (0.12 %), 2 of them by more than the noise" in text
+    assert "set to 0 (0.12 %), 2 of them by more than the noise" in text
     frame[0, 2:4] += 60
     (text,) = diagnostics.diagnose_frame(replace(prepare, level=None), prepare(frame), 0)
     assert "all of them within the noise of the dark frame" in text
-    with pytest.raises(ValueError, match=r"in the mean, is brighter than the frame, 49\.9"):
+    with pytest.raises(ValueError, match=r"is brighter than the frame with mean 49\.9"):
         prepare(dark / 2)
     assert prepare(np.where(white == white.max(), 9000, dark - 5)).negative  # a bright point
 
@@ -85,10 +85,10 @@ def test_of_volumes(white: Any) -> None:
         )
 
     assert not said(0.149)
-    assert "residual of 0.151 is high, lenslets lit evenly would leave 0.2:" in said(0.151)
-    assert "no depth at all, 3" in said(0.99, None)  # 3e-13: all are as their own mean is
-    assert "no white frame and no lattice told" in said(0.21, placed=False)
-    assert "worse than no depth" in said(0.21)
+    assert "residual of 0.151 is high beside 0.2, that of evenly lit lenslets:" in said(0.151)
+    assert "exceeds 3" in said(0.99, None)  # 3e-13: all are as their own mean is
+    assert "no white frame or lattice locates" in said(0.21, is_located=False)
+    assert "exceeds 0.2, that of evenly lit lenslets without depth" in said(0.21)
     assert not said(0.21, pupil=0.07)  # .15 and what the pupil may leave
     assert "is high" in said(0.23, pupil=0.07)
     assert "is the background too high?" in said(1.01)
@@ -106,10 +106,10 @@ def test_voxels_have_their_place_on_the_raw_frame(device: Device) -> None:
     seen = prepare(np.exp(-((y - centre[0]) ** 2 + (x - centre[1]) ** 2) / 8)).counts
     cells = seen.reshape(-1, 10, seen.shape[1] // 10, 10).sum(axis=(1, 3))
     i, k = np.unravel_index(cells.argmax(), cells.shape)
-    first, down, right = (np.array(one) for one in prepare.place(3).values())
+    first, down, right = (np.array(one) for one in prepare.voxel_grid(3).values())
     assert first + (3 * i + 1) * down + (3 * k + 1) * right == pytest.approx(centre, abs=0.01)
     assert 3 * down == pytest.approx(lattice.row, abs=1e-3)
-    flat = Preparation(10, device, None, None, None).place(5)  # of rectified frames
+    flat = Preparation(10, device, None, None, None).voxel_grid(5)  # of rectified frames
     assert flat == {"first": (0.5, 0.5), "down": (2.0, 0.0), "right": (0.0, 2.0)}
 
 

@@ -46,12 +46,13 @@ def test_without_noise(camera, stack):
     found = measure_point_images(camera, stack, Z)
     assert found.offset == pytest.approx(OFFSET, abs=0.02e-6)
     assert found.depths == pytest.approx(Z - OFFSET, abs=0.1e-6)
-    assert found.places == pytest.approx(AT, abs=0.01 * camera.side)
+    assert found.positions == pytest.approx(AT, abs=0.01 * camera.side)
     assert found.error < 0.02
     assert max(errors(found.images, camera)) < 0.015
     assert found.images.planes == pytest.approx(Z - found.offset)
     assert found.images.parameters["source"] == "measured"
-    assert np.mean([found.images.kept(plane) for plane in range(3)]) == pytest.approx(1, abs=0.02)
+    shares = [found.images.captured_share(plane) for plane in range(3)]
+    assert np.mean(shares) == pytest.approx(1, abs=0.02)
 
 
 @pytest.mark.thorough
@@ -60,7 +61,7 @@ def test_noise_is_left_out(camera, stack):
     photons = np.random.default_rng(0).poisson(stack * 1e5 + 5)
     found = measure_point_images(camera, photons, Z)
     assert found.offset == pytest.approx(OFFSET, abs=0.1e-6)
-    assert found.places == pytest.approx(AT, abs=0.05 * camera.side)
+    assert found.positions == pytest.approx(AT, abs=0.05 * camera.side)
     raw = np.linalg.norm(photons - 5 - stack * 1e5) / np.linalg.norm(stack * 1e5)
     assert max(errors(found.images, camera)) < 0.6 * raw
     assert found.images.stored[0].shape[-1] < 25
@@ -116,18 +117,18 @@ def test_stacks_that_cannot_be(device, camera, stack):
         **(SMALL | {"mla": MicrolensArray(500e-6, 12e-3, count=1)}), device=device
     )
     for optics, frames, z, other, words in (
-        (camera, stack, Z[:2], {}, "a frame for each of the 2 planes"),
+        (camera, stack, Z[:2], {}, "a frame of the sensor for each plane"),
         (camera, np.where(stack > 1e-3, np.nan, stack), Z, {}, "not finite"),
-        (camera, np.full(stack.shape, 3.0), Z, {}, "No bead is seen in frame 0"),
+        (camera, np.full(stack.shape, 3.0), Z, {}, "No bead detected in frame 0"),
         (camera, stack, Z, {"threshold": -1}, "threshold"),
         (camera, stack, Z, {"cut": 0.6}, "cut"),
-        (few, np.ones((3, *few.grid.shape)), Z, {}, "at least 3 are needed"),
+        (few, np.ones((3, *few.grid.shape)), Z, {}, "At least 3 lenslets"),
     ):
         with pytest.raises((ShapeError, ValueError), match=words):
             measure_point_images(optics, frames, z, **other)
     coarse = camera_of("small", device)
     with (
-        pytest.warns(SamplingWarning, match="do not sample"),
+        pytest.warns(SamplingWarning, match="undersample"),
         pytest.raises(ValueError, match="No bead"),
     ):
         measure_point_images(coarse, np.ones((3, *coarse.grid.shape)), Z)

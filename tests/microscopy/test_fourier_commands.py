@@ -71,7 +71,7 @@ def test_from_parameters_to_a_volume(tmp_path, device):
     again = run("microscope", "deconvolve", frame, *words, "-o", out)
     assert "is up to date" in again
     white = ("--white", frame)
-    assert "leave the white frame, the lattice" in run(
+    assert "leave out the white frame, the lattice" in run(
         "microscope", "deconvolve", frame, *words, *white, "-o", tmp_path / "b.ome.tif", code=1
     )
     tifffile.imwrite(frame, counts[:-1].astype(np.uint16))

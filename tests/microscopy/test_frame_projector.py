@@ -59,15 +59,13 @@ def frame_of(image, lattice, cell, at):
     return area * np.einsum("yxa,ab,yxb->yx", weights[0], image.astype(float), weights[1])
 
 
-@pytest.mark.parametrize(
-    ("name", "kinds"), [("turned", 2), ("hexagonal", 3), ("along y", 1)]
-)
+@pytest.mark.parametrize(("name", "kinds"), [("turned", 2), ("hexagonal", 3), ("along y", 1)])
 def test_one_voxel_is_its_image_where_it_lies(device, name, kinds):
     lattice = LATTICES[name]
     images = any_images(lattice.kind, kinds)
     projector, cell = FrameProjector(images, lattice, device=device), images.cell
     (vy, vx), (planes, rows, columns) = cell.voxels, projector.volume_shape
-    place = projector.place()
+    place = projector.voxel_grid()
     zero = lenslet(lattice, cell, 0, 0)
     steps = np.array([lenslet(lattice, cell, *one) - zero for one in ((1, 0), (0, 1))])
     for z, i, k in ((0, rows // 2, columns // 2), (1, rows // 2 + 1, columns // 2 - 1), (1, 1, 2)):
@@ -136,7 +134,7 @@ def test_frame_is_what_the_camera_sees(device, array):
     volume = np.zeros(projector.volume_shape, np.float32)
     i, k = volume.shape[1] // 2, volume.shape[2] // 2 + 1
     volume[0, i, k] = 1
-    place = projector.place()
+    place = projector.voxel_grid()
     at = np.array(place["first"]) + i * np.array(place["down"]) + k * np.array(place["right"])
     grid = camera.grid
     y, x = ((at - np.array(grid.shape) // 2) * grid.pitch + np.array(grid.origin)) / 10
@@ -153,14 +151,14 @@ def test_what_cannot_be(device):
     for change, error, words in [
         ({"lattice": None}, TypeError, "lattice must be a Lattice, as estimate_lattice returns it"),
         ({"images": 3}, TypeError, "images must be a PointImages"),
-        ({"lattice": LATTICES["hexagonal"]}, ValueError, "is hexagonal and that of the point"),
-        ({"shape": (3, 0)}, ShapeError, "shape is .ny, nx. of frames"),
-        ({"shape": 4}, ShapeError, "shape is .ny, nx. of frames"),
-        ({"lattice": Lattice("square", (5, 5), (9, 0), (0, 9))}, ShapeError, "not None"),
+        ({"lattice": LATTICES["hexagonal"]}, ValueError, "hexagonal and the lattice of the point"),
+        ({"shape": (3, 0)}, ShapeError, "shape must be .ny, nx. of frames"),
+        ({"shape": 4}, ShapeError, "shape must be .ny, nx. of frames"),
+        ({"lattice": Lattice("square", (5, 5), (9, 0), (0, 9))}, ShapeError, "got None"),
         (
             {"lattice": Lattice("square", (5, 5), (9, 0), (0, 9), (20, 20))},
             ValueError,
-            r"have 0\.444 pixels for one of the camera .* at least 9 pixels a lenslet",
+            r"only 0\.444 pixels per camera pixel .* at least 9 pixels per lenslet",
         ),
     ]:
         given = {"images": any_images("square"), "lattice": LATTICES["turned"]} | change

@@ -8,7 +8,7 @@ import pytest
 from clplen import ShapeError
 from clplen.lightfield import Lattice
 from clplen.microscopy import preparation, rectify, square_lattice
-from clplen.microscopy.frames.given_lattice import pitch_sentence
+from clplen.microscopy.frames.nominal_lattice import pitch_sentence
 
 
 def test_a_lattice_by_its_pitch():
@@ -31,13 +31,13 @@ def test_frames_with_a_told_lattice(device):
     assert (found.white == 1).all()
     with pytest.raises(ShapeError, match=r"frame has shape \(150, 181\) and the lattice"):
         preparation(13, device=device, lattice=lattice)(np.ones((150, 181)))
-    with pytest.raises(ValueError, match="white frame tells its own lattice"):
+    with pytest.raises(ValueError, match="white frame defines the lattice"):
         preparation(13, device=device, lattice=lattice, white=frame)
 
 
 def test_what_is_no_lattice():
     for words, error, message in [
-        ({"pitch": 2.9}, ValueError, "pitch of 3 pixels or more"),
+        ({"pitch": 2.9}, ValueError, "must be at least 3 pixels"),
         ({"pitch": math.nan}, ValueError, "finite numbers"),
         ({"pitch": 15.0, "offset": (math.nan, 0.0)}, ValueError, "finite numbers"),
         ({"pitch": 15.0, "rotation": 2.0}, ValueError, "less than 90 degrees"),
@@ -49,10 +49,10 @@ def test_what_is_no_lattice():
 
 def test_lattices_of_no_frame(device):
     for lattice, message in [
-        (Lattice("square", (7, 7), (15, 0), (0, 15)), "does not tell the shape"),
-        (Lattice("square", (7, 7), (1e-6, 0), (0, 1e-6), (90, 90)), "are none"),
-        (Lattice("square", (7, 7), (15, 0), (14, 15), (90, 90)), "make no square"),
-        (Lattice("square", (7, 7), (15, 0), (0, 30), (90, 90)), "make no square"),
+        (Lattice("square", (7, 7), (15, 0), (0, 15)), "has no frame shape"),
+        (Lattice("square", (7, 7), (1e-6, 0), (0, 1e-6), (90, 90)), "must be at least 3 pixels"),
+        (Lattice("square", (7, 7), (15, 0), (14, 15), (90, 90)), "must form squares"),
+        (Lattice("square", (7, 7), (15, 0), (0, 30), (90, 90)), "must form squares"),
         (Lattice("square", (7, 7), (1e8, 0), (0, 1e8), (90, 90)), "do not fit"),
     ]:
         with pytest.raises((ValueError, ShapeError), match=message):
@@ -65,4 +65,4 @@ def test_another_pitch_is_told():
         found = pitch_sentence(square_lattice(33.04 * ratio, (500, 600)), 33.04)
         assert f"1.9 % {said}" in found
         assert f"magnifies {ratio:.4g} times" in found
-        assert "the pitch of the lenslets is another" in found
+        assert "the lenslet pitch is wrong" in found

@@ -173,10 +173,10 @@ def test_hot_and_masked_pixels_of_a_preparation(images, projector, device):
 
 def test_bad_masks(device):
     for mask, error, words in [
-        (np.zeros((99, 110, 3)), ShapeError, "mask has shape"),
-        (np.full((99, 110), np.nan), ValueError, "holds others"),
-        (np.full((99, 110), -1), ValueError, "holds others"),
-        (np.ones((99, 110)), ValueError, "leaves out every pixel"),
+        (np.zeros((99, 110, 3)), ShapeError, "mask must have the shape"),
+        (np.full((99, 110), np.nan), ValueError, "must be 0 at valid pixels"),
+        (np.full((99, 110), -1), ValueError, "must be 0 at valid pixels"),
+        (np.ones((99, 110)), ValueError, "excludes every pixel"),
     ]:
         with pytest.raises(error, match=words):
             preparation(N, device=device, mask=mask)(np.ones((99, 110)))

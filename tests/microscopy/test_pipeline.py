@@ -23,7 +23,7 @@ from clplen.microscopy.model.images import PointImages
 from clplen.microscopy.pipeline import provenance
 from clplen.microscopy.series.starts import Start
 from clplen.microscopy.series_files import Page
-from clplen.microscopy.settings import OF_FRAMES, LatticeSettings
+from clplen.microscopy.settings import FRAME_SETTINGS, LatticeSettings
 from clplen.settings.declaration import settings_of
 
 ALL = DeconvolutionSettings(7, 3.0, 2.0, 900.0, True, 0.25, True, "tv", 0.5)
@@ -154,7 +154,7 @@ def test_what_a_volume_depends_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     )
     hows = [
         ALL,
-        *(replace(ALL, **{name: getattr(other, name)}) for name in OF_FRAMES),
+        *(replace(ALL, **{name: getattr(other, name)}) for name in FRAME_SETTINGS),
     ]
 
     def job(how: DeconvolutionSettings = ALL, page: int = 0, **changed: Any) -> str:

@@ -112,10 +112,10 @@ def test_what_holds_no_points():
     for stack, options, words in [
         (np.ones((2, 9, 9)), {}, "1 or at least 3 planes"),
         (np.ones((9, 9)), {}, "1 or at least 3 planes"),
-        (np.ones((3, 9, 9)) * 1j, {}, "real samples"),
+        (np.ones((3, 9, 9)) * 1j, {}, "must be real"),
         (np.full((3, 9, 9), np.nan), {}, "243 samples are NaN"),
-        (np.ones((3, 9, 9)), {"axes": (None, None)}, "planes, y and x, not 2"),
-        (np.ones((3, 9, 9)), {"axes": ([1, 2], None, None)}, "3 samples has shape"),
+        (np.ones((3, 9, 9)), {"axes": (None, None)}, "planes, y and x, got 2"),
+        (np.ones((3, 9, 9)), {"axes": ([1, 2], None, None)}, "3 samples must have shape"),
         (np.ones((3, 9, 9)), {"axes": ([1, 2, 1], None, None)}, "rise or fall"),
         (np.ones((3, 9, 9)), {"size": (1, 0.1)}, "at least 0 planes and 0.5 samples"),
     ]:

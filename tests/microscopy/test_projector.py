@@ -161,8 +161,8 @@ def test_linear_operator(device, images):
 def test_what_is_not_projected(device, images):
     for change, error, words in [
         ({"shape": (np.nan, 5)}, ShapeError, "rows, columns"),
-        ({"memory": -5}, ValueError, "bytes from 0 on or None, not -5"),
-        ({"memory": "1e9"}, ValueError, "bytes from 0 on or None, not '1e9'"),
+        ({"memory": -5}, ValueError, "number of bytes or None, got -5"),
+        ({"memory": "1e9"}, ValueError, "number of bytes or None, got '1e9'"),
         ({"images": None}, TypeError, "images must be a PointImages, as point_images returns it"),
         ({"volume": None}, TypeError, "A volume must be an array of numbers, got NoneType"),
         ({"volume": np.zeros((0, 3, 25, 30))}, ShapeError, r"got \(0, 3, 25, 30\)"),

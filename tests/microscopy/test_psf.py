@@ -41,7 +41,7 @@ def test_each_phase_is_simulated_or_a_mirror_image(device):
         kept = slice((across // 2 - r) * S.n, (across // 2 + r + 1) * S.n)
         # complex64 through three transforms, measured 2e-6 of the peak
         assert relative_max(expected[kept, kept], images.image(plane, phase)) < 5e-6
-        assert 1 - 5e-3 <= images.kept(plane) < 1
+        assert 1 - 5e-3 <= images.captured_share(plane) < 1
         inner = slice((across // 2 - r + 1) * S.n, (across // 2 + r) * S.n)
         assert images.radii[0] > images.radii[1]
         assert expected[inner, inner].sum() < expected[kept, kept].sum()
@@ -88,7 +88,7 @@ def test_parameters_tell_all_that_images_depend_on(device, precise):
 
     def told(camera=(), z=Z, voxels=3, binning=1, cut=0.01, store="float32", on=device):
         camera = microscope(on, **({"pixels_per_lenslet": 16} | lenslets() | dict(camera)))
-        return module.described(camera, z, voxels, binning, cut, store)
+        return module.parameters_of(camera, z, voxels, binning, cut, store)
 
     cameras = [
         {"magnification": 61}, {"na": 1.19}, {"medium_index": 1.34}, {"wavelength": 594e-9},
@@ -122,7 +122,7 @@ def test_file_is_read_when_it_fits(device, tmp_path, monkeypatch):
     assert all(np.array_equal(a, b) for a, b in zip(made.stored, again.stored, strict=True))
     assert np.array_equal(made.scales, again.scales)
     assert again.stored[0].dtype == np.float16
-    assert 0.98 <= again.kept(0) < 1
+    assert 0.98 <= again.captured_share(0) < 1
     other = microscope(device, na=1.15)
     with pytest.raises(ValueError, match=r"made with na = 1\.2, not 1\.15"):
         point_images(other, Z, voxels_per_lenslet=3, cut=0.02, store="float16", path=path)
@@ -130,7 +130,7 @@ def test_file_is_read_when_it_fits(device, tmp_path, monkeypatch):
         point_images(camera, Z[:2], voxels_per_lenslet=3, cut=0.02, store="float16", path=path)
     with monkeypatch.context() as patch:
         patch.setattr(point_image_files, "free_memory", lambda: 1000)
-        with pytest.raises(FormatError, match="bytes, and 1,000 are free"):
+        with pytest.raises(FormatError, match="bytes of memory, 1,000 are free"):
             point_image_files.read_point_images(path)
     good = path.read_bytes()
     text = good.index(b"clplen point images", good.index(b"GCOL")) - 16
@@ -161,13 +161,13 @@ def test_room_is_looked_for_before_and_after(device, tmp_path, monkeypatch):
 
 def test_what_cannot_be(device):
     for camera, options, words in [
-        ({"pixels_per_lenslet": 15.4}, {}, "rectify the frame to a whole number, such as 16"),
+        ({"pixels_per_lenslet": 15.4}, {}, "rectify the frame to an integer, such as 16"),
         ({"mla": MicrolensArray(100e-6, 2.5e-3, count=5, rotation=0.1)}, {}, "rectify the frame"),
         ({"mla": MicrolensArray(1e-4, 2.5e-3, count=5, offset=(1e-6, 0))}, {}, r"\(1e-06, 0\) m"),
-        ({}, {"binning": 2}, "15 pixels, which are not divided into pixels of the sensor of 2 x 2"),
+        ({}, {"binning": 2}, "multiple of binning = 2, got 15"),
         ({}, {"binning": 0}, "binning must be a whole number from 1"),
         ({}, {"planes": [0, 0]}, "different finite numbers"),
-        ({}, {"planes": [1e-6, 0]}, "planes rise"),
+        ({}, {"planes": [1e-6, 0]}, "planes must rise"),
         ({}, {"planes": [-40, 0, 40]}, r"got -40 m\..* in metres: did you mean -40e-6\?"),
         ({}, {"voxels_per_lenslet": 0}, "whole number from 1"),
         ({}, {"cut": 0.7}, "between 0 and 0.5"),

@@ -48,7 +48,7 @@ def make(device, name, voxels):
 
 def white_of(images, projector):
     """Even light, and pixels of unlike sensitivity."""
-    even = 1e4 * np.maximum(projector.of_cell(evenly_lit(images)), 0)
+    even = 1e4 * np.maximum(projector.tiled_frame(evenly_lit(images)), 0)
     rng = np.random.default_rng(3)
     return even, 1 + 0.1 * rng.standard_normal(projector.frame_shape)
 
@@ -131,7 +131,7 @@ def test_a_volume_without_rectifying(device, tmp_path):
     )
     found = made(made.prepared(true.forward(volume)))
     plane, i, k = np.unravel_index(found.volume.argmax(), found.volume.shape)
-    seen, known = made.place(), true.place()
+    seen, known = made.voxel_grid(), true.voxel_grid()
     there = np.array(seen["first"]) + i * np.array(seen["down"]) + k * np.array(seen["right"])
     here = (
         np.array(known["first"])
@@ -141,7 +141,7 @@ def test_a_volume_without_rectifying(device, tmp_path):
     assert plane == 0
     assert np.abs(there - here).max() < 3.9  # half a voxel: the origin may be another lenslet
     assert made.diagnose(made.prepared(true.forward(volume)), found) == []
-    with pytest.raises(ValueError, match="not rectified, whose lattice the white frame tells"):
+    with pytest.raises(ValueError, match="requires the lattice of a white frame"):
         Deconvolver(images, DeconvolutionSettings(), device=device)
 
 

@@ -56,10 +56,10 @@ def test_what_is_not_rectified(device):
     lattice = Lattice("square", (12, 13), (6, 0), (0, 6), (30, 30))
     hexagonal = Lattice("hexagonal", (12, 13), (5.2, 0), (0, 6), (30, 30))
     for shape, given, pixels, words in (
-        ((30, 31), lattice, None, "is that of a frame of"),
-        ((30, 30), lattice, 5, "6 pixels apart, and 5 pixels a lenslet would step over"),
+        ((30, 31), lattice, None, "of the lattice, got"),
+        ((30, 30), lattice, 5, "must be at least 6 for a lenslet pitch of 6 pixels, got 5"),
         ((30, 30), lattice, 0, "whole number from 1"),
-        ((1, 30, 30), lattice, None, r"shape \(ny, nx\), not \(1, 30, 30\)"),
+        ((1, 30, 30), lattice, None, r"shape \(ny, nx\), got \(1, 30, 30\)"),
         ((30, 30), None, None, "lattice must be a Lattice, as estimate_lattice returns it"),
         ((30, 30), hexagonal, None, "hexagonal"),
     ):

@@ -55,7 +55,7 @@ def test_cells_that_touch_are_told_apart():
     one = find_regions(volume, axes=AXES, size=(0.7, 1.5), split=0)
     assert len(one) == 2  # what touches is one
     assert ((one.labels > 0) == (regions.labels > 0)).all()
-    many = find_regions(volume, size=(0, 0), threshold=found_at, split=1, least=1)
+    many = find_regions(volume, size=(0, 0), threshold=found_at, split=1, min_voxels=1)
     assert len(many) > 6  # each maximum of the noise is one
 
 
@@ -64,9 +64,9 @@ def test_the_threshold():
     found = find_regions(volume, size=(0.7, 1.5))
     # between the level of 20 and the dimmest cell of 60
     assert 30 < found.threshold < 50
-    given = find_regions(volume, size=(0, 0), threshold=90.5, least=1, split=0)
+    given = find_regions(volume, size=(0, 0), threshold=90.5, min_voxels=1, split=0)
     assert ((given.labels > 0) == (volume > 90.5)).all()
-    assert len(find_regions(volume, size=(0.7, 1.5), least=100_000)) == 0
+    assert len(find_regions(volume, size=(0.7, 1.5), min_voxels=100_000)) == 0
 
 
 def test_nothing_to_find():
@@ -114,10 +114,10 @@ def test_regions_are_written(tmp_path):
 
 def test_what_regions_are_not_found_with():
     for options, words in [
-        ({"size": (-1, 1)}, "size is not negative"),
-        ({"snr": 0}, "size is not negative"),
+        ({"size": (-1, 1)}, "size must not be negative"),
+        ({"snr": 0}, "size must not be negative"),
         ({"split": 1.1}, "split from 0 to 1"),
-        ({"least": 0}, "least from 1 on"),
+        ({"min_voxels": 0}, "min_voxels at least 1"),
         ({"threshold": np.nan}, "finite number"),
         ({"axes": (None, None)}, "planes, y and x"),
     ]:
@@ -142,8 +142,8 @@ def test_spheres_about_points():
 
 def test_spheres_about_nothing():
     for positions, radius, words in [
-        (np.zeros((2, 2)), 1e-6, "at least one point"),
-        (np.zeros((1, 3)), 0.0, "radius is positive"),
+        (np.zeros((2, 2)), 1e-6, "n > 0"),
+        (np.zeros((1, 3)), 0.0, "radius must be positive"),
         (np.full((1, 3), np.nan), 1e-6, "not finite"),
     ]:
         with pytest.raises((ValueError, ShapeError), match=words):
@@ -239,7 +239,7 @@ def test_traces_are_read_back(tmp_path):
         assert np.allclose(getattr(again, name), expected, rtol=1e-8, equal_nan=True)
     assert is_ours(tmp_path / "t.csv")
     (tmp_path / "t.csv").write_text("\n".join(text[:-1]))
-    with pytest.raises(ShapeError, match="every region has all frames"):
+    with pytest.raises(ShapeError, match="every region must have each frame"):
         Traces.from_csv(tmp_path / "t.csv")
     (tmp_path / "t.csv").write_text("region,frame,mean\n1,0,3")
     with pytest.raises(FormatError, match="no column 'surround'"):
@@ -251,14 +251,14 @@ VOLUMES = [np.ones(SHAPE)] * 3
 
 def test_what_has_no_traces():
     for volumes, labels, options, words in [
-        (VOLUMES, np.zeros(SHAPE), {}, "no region"),
+        (VOLUMES, np.zeros(SHAPE), {}, "must contain a region"),
         (VOLUMES, LABELS[0], {}, r"\(planes, y, x\)"),
         (VOLUMES, LABELS + 0.5, {}, "brightness, not regions"),
         (VOLUMES, LABELS[:, :-1], {}, "of the labels"),
-        ([*VOLUMES, np.ones((3, 3, 3))], LABELS, {}, "as in frame 3"),
+        ([*VOLUMES, np.ones((3, 3, 3))], LABELS, {}, "in frame 3"),
         ([*VOLUMES, np.full(SHAPE, np.nan)], LABELS, {}, "not finite in frame 3"),
-        (VOLUMES[:1], LABELS, {}, "at least 2 frames, not 1"),
-        (VOLUMES, LABELS, {"window": 0}, "number of frames"),
+        (VOLUMES[:1], LABELS, {}, "at least 2 frames, got 1"),
+        (VOLUMES, LABELS, {"window": 0}, "window must be an integer"),
         (VOLUMES, LABELS, {"percentile": 101}, "from 0 to 100"),
         (VOLUMES, LABELS, {"neuropil": -0.1}, "share from 0 to 1"),
         (VOLUMES, LABELS, {"ring": (2, 1)}, r"\(inner, outer\)"),

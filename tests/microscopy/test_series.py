@@ -14,7 +14,7 @@ from clplen.microscopy.series.series import (
     BATCH,
     SeriesFrame,
     batch_for,
-    found_in_batches,
+    deconvolve_batches,
     rolling_minimum,
 )
 from clplen.microscopy.series.starts import FLOOR, Start
@@ -115,12 +115,12 @@ def test_batches_compare_with_the_volume_before(projector, counts):
 
 
 def test_what_is_not_compared_in_time(projector, counts):
-    with pytest.raises(ValueError, match="compares the frames of a series, and this is one frame"):
+    with pytest.raises(ValueError, match="compares the frames of a series, got a single frame"):
         deconvolve(counts[0], projector, prior="time")
     volume = np.ones(projector.volume_shape)
-    with pytest.raises(ValueError, match="before is the volume that prior='time' compares with"):
+    with pytest.raises(ValueError, match="before needs prior='time'"):
         deconvolve(counts[:2], projector, before=volume)
-    with pytest.raises(ShapeError, match="The volume before is one volume"):
+    with pytest.raises(ShapeError, match="before must be a single volume"):
         deconvolve(counts[:2], projector, prior="time", before=volume[None])
     volume[0, 0, 0] = np.nan
     with pytest.raises(ValueError, match="The volume before has 1 negative"):
@@ -134,7 +134,7 @@ def test_frames_with_other_pixels_left_out_are_found_apart(projector, counts):
         SeriesFrame(one, 0.1 * t, w) for t, (one, w) in enumerate(zip(counts, whites, strict=True))
     ]
     start = Start(None, projector.images)
-    found = found_in_batches(frames, projector, 4, start, iterations=2)
+    found = deconvolve_batches(frames, projector, 4, start, iterations=2)
     for t, one in enumerate(found):
         expected = deconvolve(
             counts[t], projector, iterations=2, white=whites[t], background=0.1 * t
@@ -182,13 +182,13 @@ def test_what_is_no_series(projector, counts):
     for change, error, words in [
         ({"batch": 0}, ValueError, "batch"),
         ({"rolling": 0}, ValueError, "window"),
-        ({"start": "warm"}, ValueError, "start is 'previous', 'decayed', 'limited' or None"),
-        ({"decay": 1.5}, ValueError, "decay is a number from 0 to 1"),
-        ({"motion": np.nan}, ValueError, "motion is a positive length"),
-        ({"before": 1.0}, ValueError, "before is for a start or for prior='time'"),
+        ({"start": "warm"}, ValueError, "start must be 'previous', 'decayed', 'limited' or None"),
+        ({"decay": 1.5}, ValueError, "decay must be a number from 0 to 1"),
+        ({"motion": np.nan}, ValueError, "motion must be a positive length"),
+        ({"before": 1.0}, ValueError, "before requires a start or prior='time'"),
         ({"whites": 1}, TypeError, "no keyword 'whites': did you mean white="),
         ({"projector": None}, TypeError, "projector"),
-        ({"frames": np.ones((1, 3, 3))}, ShapeError, "A frame has shape"),
+        ({"frames": np.ones((1, 3, 3))}, ShapeError, "A frame must have shape"),
         ({"frames": -np.ones((1, 15, 18))}, ValueError, "negative"),
     ]:
         given = {"frames": counts, "projector": projector} | change

@@ -192,7 +192,7 @@ def test_a_table_of_points_is_read_back(tmp_path):
             assert np.allclose(getattr(again, name), expected, rtol=1e-8, equal_nan=True)
     with pytest.raises(ValueError, match='"m" or "voxel"'):
         points.to_csv(tmp_path / "points.csv", unit="um")
-    with pytest.raises(ValueError, match=r"written as \.csv"):
+    with pytest.raises(ValueError, match=r"must end in \.csv"):
         points.to_csv(tmp_path / "points.txt")
 
 
@@ -204,9 +204,9 @@ def test_tables_that_hold_no_tracks(tmp_path):
         (None, "There is no table"),
         ("a,b\n1,2\n", "no column z_m or z_voxel"),
         (HEAD.replace("peak", "top") + "\n0,0,1,1,1,1,1\n", "no column 'peak'"),
-        (HEAD + "\n0,0,=1+1,1,1,1,1\n", "'=1.1' in the column 'z_m' is no number"),
+        (HEAD + "\n0,0,=1+1,1,1,1,1\n", "'=1.1' in the column 'z_m' is not a number"),
         (HEAD + "\n0,0,1,1\n", "line 2 has 4 cells, the header 7"),
-        (HEAD + "\n0.5,0,1,1,1,1,1\n", "0.5 in the column 'track' is no whole number"),
+        (HEAD + "\n0.5,0,1,1,1,1,1\n", "'track' must contain integers from 0 on, got 0.5"),
         (HEAD + "\n0,0,,1,1,1,1\n", "a point has no position"),
         (HEAD + "\n0,2,1,1,1,1,1\n0,2,1,1,1,1,1\n", "track 0 has frame 2 twice"),
     ]:
@@ -222,12 +222,12 @@ SERIES = moving(3, 3)
 
 def test_what_is_not_tracked():
     for found, options, error, words in [
-        (SERIES, {"step": 0}, ValueError, "one positive number or three"),
-        (SERIES, {"gaps": -1}, ValueError, "gaps is a whole number"),
+        (SERIES, {"step": 0}, ValueError, "a positive number or three"),
+        (SERIES, {"gaps": -1}, ValueError, "gaps must be an integer"),
         (SERIES, {"motion": "drift"}, ValueError, '"random" or "straight"'),
         (SERIES, {"shortest": 0}, ValueError, "from 1 on"),
         (SERIES, {"unit": "um"}, ValueError, '"m" or "voxel"'),
-        (SERIES[:1], {}, ValueError, "at least 2 volumes, not 1"),
+        (SERIES[:1], {}, ValueError, "at least 2 volumes, got 1"),
         (np.zeros((3, 4, 4, 4)), {}, TypeError, "find_points or find_regions"),
         ([SERIES[0], Frame(np.full((1, 3), np.inf), np.zeros(1))], {}, ValueError, "of frame 1"),
     ]:
@@ -236,7 +236,7 @@ def test_what_is_not_tracked():
 
 
 def test_too_many_points_that_could_be_exchanged(monkeypatch):
-    monkeypatch.setattr(linking, "LARGEST_GROUP", 20)
+    monkeypatch.setattr(linking, "MAX_GROUP_SIZE", 20)
     with pytest.raises(ValueError, match="give a smaller step"):
         track_points(moving(21, 2), step=100.0)
     assert len(track_points(moving(20, 2), step=100.0)) == 20

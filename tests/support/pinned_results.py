@@ -1232,8 +1232,8 @@ def point_image_files():
     fourier = microscopy.read_point_images("fourier.h5")
     half = point_images(store="float16")
     return {
-        "lenslets": [again.image(0, (1, 2)), again.kept(0), again.side, again.planes],
-        "fourier": [fourier.image(1, (0, 0)), fourier.kept(1), fourier.centres],
+        "lenslets": [again.image(0, (1, 2)), again.captured_share(0), again.side, again.planes],
+        "fourier": [fourier.image(1, (0, 0)), fourier.captured_share(1), fourier.centres],
         "half": half.image(0, (1, 2)),
         "binned": clplen.point_images(scope(22), PLANES[:1], binning=2).image(0, (2, 2)),
         "error": binning_error(scope(22), [0.0, 50e-6], 2),
@@ -1285,7 +1285,7 @@ def deconvolver():
     return {
         "frame": frame.counts,
         "volume": found.volume,
-        "words": [made.checks(), made.diagnose(frame, found), made.place()],
+        "words": [made.checks(), made.diagnose(frame, found), made.voxel_grid()],
     }
 
 
@@ -1356,7 +1356,8 @@ def measure_point_images():
     z = np.array([-15e-6, 0, 15e-6])
     beads = [fourier_scope().expose(clplen.PointSources((0, 0, one + 2e-6))) for one in z]
     found = microscopy.measure_point_images(fourier_scope(), np.stack(beads), z)
-    return {"image": found.images.image(1, (0, 0)), **parts(found, "offset places depths error")}
+    names = "offset positions depths error"
+    return {"image": found.images.image(1, (0, 0)), **parts(found, names)}
 
 
 # Files: each writer with its reader

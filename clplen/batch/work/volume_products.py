@@ -20,7 +20,7 @@ from clplen.io.store.digest import digest
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.microscopy.deconvolution_files import read_picture, read_psf, write_result
 from clplen.microscopy.pipeline import Deconvolver
-from clplen.microscopy.series_files import Page, Remarks, SeriesWriter, pages_of, words_of_series
+from clplen.microscopy.series_files import Page, Remarks, SeriesWriter, pages_of, series_provenance
 from clplen.microscopy.settings import DeconvolutionSettings, LatticeSettings
 
 logger = logging.getLogger(__name__)
@@ -44,7 +44,7 @@ def volume_products(
     lattice_settings.require_no_white("white" in files)
     files |= {} if lattice_settings.mask is None else {"mask": str(lattice_settings.mask)}
     picture = _frame(pages, raw)
-    lattice = lattice_settings.of_frame(picture.shape, path or "The frame")
+    lattice = lattice_settings.lattice_for(picture.shape, path or "The frame")
     deconvolver = _cached_deconvolver(
         resources, files, settings, force=layout.get("force", False), lattice=lattice
     )
@@ -63,8 +63,8 @@ def volume_products(
         "left_out": frame.left_out,
         "below_0": frame.negative,
         "remarks": messages,
-        "place": deconvolver.place(),
-        "job": {"frame": digest(path) if path else None, "number": None, **deconvolver.words},
+        "place": deconvolver.voxel_grid(),
+        "job": {"frame": digest(path) if path else None, "number": None, **deconvolver.provenance},
     }
 
     def write(path: Path) -> None:
@@ -91,7 +91,8 @@ def _write_series(
 ) -> None:
     """Write the volumes of a series to one file; continue an incomplete file."""
     settings, remarks = deconvolver.how, Remarks()
-    job = words_of_series(pages, deconvolver.words, deconvolver.begin.words, settings.rolling)
+    start = deconvolver.start.provenance
+    job = series_provenance(pages, deconvolver.provenance, start, settings.rolling)
     about, records = series_in(path)
     can_resume = about.get("job") == job and settings.batch in (None, about.get("batch"))
     if can_resume and count_whole(path) == len(pages) and path.exists():

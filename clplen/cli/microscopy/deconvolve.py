@@ -96,7 +96,7 @@ def deconvolve(
     from clplen.microscopy.model.images import PointImages
     from clplen.microscopy.pipeline import provenance
     from clplen.microscopy.series.starts import Start
-    from clplen.microscopy.series_files import pages_of, words_of_series
+    from clplen.microscopy.series_files import pages_of, series_provenance
 
     if memory is not None and memory < MIN_MEMORY:
         raise click.UsageError(
@@ -135,7 +135,7 @@ def deconvolve(
     lattice = None
     if lattice_settings.has_lattice:
         first = read_picture(pages[0].path, pages[0].number)
-        lattice = lattice_settings.of_frame((first.shape[0], first.shape[1]), pages[0].path)
+        lattice = lattice_settings.lattice_for((first.shape[0], first.shape[1]), pages[0].path)
     images = read_psf(source)
     if preview is not None and not isinstance(images, PointImages):
         raise click.UsageError("--preview does not support Fourier microscopes: leave it out.")
@@ -152,7 +152,7 @@ def deconvolve(
     )
     shared = provenance(images, deconvolution, **files)
     if is_single_file:
-        series_settings = words_of_series(pages, shared, begin.words, deconvolution.rolling)
+        series_settings = series_provenance(pages, shared, begin.provenance, deconvolution.rolling)
         request = series_file.SeriesRequest(output, pages, deconvolution.batch, preview, force)
         series_file.write(request, series_settings, open_series)
         return
@@ -209,7 +209,7 @@ def _write_volume(
         )
     result_remarks = series.diagnose(frame, result)
     _note_remarks(page, result_remarks)
-    metadata = {"remarks": checks + remarks + result_remarks, "place": series.place(), "job": job}
+    metadata = {"remarks": checks + remarks + result_remarks, "place": series.voxel_grid(), "job": job}
     write_result(output, result, series.images, more=metadata, replace=True)
     size = " x ".join(str(n) for n in result.volume.shape)
     text = f"{output} holds {size} voxels (z, y, x) of {series.images.side * 1e6:.4g} um "
@@ -253,7 +253,7 @@ def _jobs(pages: list[Page], shared: dict[str, Any], start: Start) -> list[dict[
     if start.name:
         for earlier, later in pairwise(jobs):
             if start.name != "previous":
-                later["begin"] = start.words
+                later["begin"] = start.provenance
             later["start"] = sha256(json.dumps(earlier, sort_keys=True).encode()).hexdigest()
     return jobs
 

@@ -68,7 +68,7 @@ def simulate(
             path=output,
             progress=lambda done, total: update_bar(bar, done, total),
         )
-    light = min(images.kept(plane) for plane in range(len(z)))
+    light = min(images.captured_share(plane) for plane in range(len(z)))
     click.echo(
         f"{output} holds {images!r}; they contain {light:.2%} of the light of the pupil, the rest "
         "falls between lenslets or beyond the point images (--cut)."
@@ -94,7 +94,7 @@ def _measure(camera: FourierMicroscope, path: Path, z: Any, output: Path) -> Non
             stack = _repaired(camera, stack, z)
         measurement = measure_point_images(camera, stack, z)
     write_point_images(output, measurement.images)
-    y, x = measurement.places.mean(axis=0) * 1e6
+    y, x = measurement.positions.mean(axis=0) * 1e6
     click.echo(
         f"{output} holds {measurement.images!r}, measured. The given z exceed the z of the bead by "
         f"{measurement.offset * 1e6:+.3g} um; the bead lies {y:+.3g} um down and {x:+.3g} um right "

@@ -45,8 +45,8 @@ def _check_white(
     """Raise an error if a white frame is from another camera; note a deviating pitch."""
     from clplen.lightfield.calibration.lattice_trust import lattice_of_white
     from clplen.microscopy.deconvolution_files import read_picture
-    from clplen.microscopy.frames.given_lattice import pitch_sentence
-    from clplen.microscopy.frames.prepare import LEAST
+    from clplen.microscopy.frames.nominal_lattice import pitch_sentence
+    from clplen.microscopy.frames.prepare import MIN_PIXELS_PER_PITCH
 
     level = read_picture(white)
     if shape is not None and level.shape != shape:
@@ -55,7 +55,7 @@ def _check_white(
             "frame of equal camera and crop."
         )
     lattice = lattice_of_white(level, white, kind="square", pitch=n, force=force)
-    if n < LEAST * max(lattice.pitch):
+    if n < MIN_PIXELS_PER_PITCH * max(lattice.pitch):
         raise click.ClickException(
             f"{white} has lenslets {max(lattice.pitch):.5g} pixels apart, but the point images "
             f"have {n} pixels per lenslet: give --pixels {math.ceil(max(lattice.pitch))}."

@@ -173,7 +173,7 @@ def psf(camera: Path, output: Path, force: bool, selector: str | None, **samplin
         check_frames(file, sampling["frame"], sampling["white"], force)
     with _sigterm_as_interrupt():
         images = _simulate(file, z, sampling, open_device(selector), output)
-    light = min(images.kept(plane) for plane in range(len(z)))
+    light = min(images.captured_share(plane) for plane in range(len(z)))
     click.echo(f"{output} holds {images!r} with at least {light:.2%} of the light of a voxel.")
     if "binning_error" in images.notes:
         click.echo(
@@ -244,7 +244,7 @@ def project(
         rest = "between lenslets, beyond the field stop or beside the sensor"
     else:
         what = f"{shape[0]} x {shape[1]} lenslets of {images.pixels} x {images.pixels} pixels"
-        light = min(images.kept(plane) for plane in range(len(images.planes)))
+        light = min(images.captured_share(plane) for plane in range(len(images.planes)))
         rest = (
             "beside the frame, or beyond the point images, which hold at least "
             f"{light:.2%} of a voxel's light"

@@ -38,7 +38,7 @@ split = click.option(
     help="Split touching regions if the saddle is below this fraction of the lower maximum.",
 )  # fmt: skip
 min_voxels = click.option(
-    "--least", type=click.IntRange(1), default=8, show_default=True,
+    "--least", "min_voxels", type=click.IntRange(1), default=8, show_default=True,
     help="Minimum number of voxels of a region.",
 )  # fmt: skip
 
@@ -239,7 +239,7 @@ def _detections(
     """Detect the points or regions of each volume."""
     from clplen.microscopy import find_points, find_regions
 
-    names = ("threshold", "split", "least") if is_region else ("distance",)
+    names = ("threshold", "split", "min_voxels") if is_region else ("distance",)
     arguments = {name: settings[name] for name in ("size", "snr", *names)}
     find = find_regions if is_region else find_points
     for time, volume in enumerate(progressing(series)):

@@ -1,1 +1,1 @@
-"""Raw frames: without dark frame and hot pixels, on whole pixels a lenslet or as they are."""
+"""Preparation of raw frames: dark frame, hot pixels, lattice, rectification."""

@@ -1,8 +1,8 @@
-"""Raw frames to counts and sensitivities of the camera's own pixels, for `FrameProjector`.
+"""Preparation of raw frames without rectification, for `FrameProjector`.
 
-As `preparation`, but nothing is resampled. The white frame gives the lattice, and the sensitivity
-of a pixel: its level over that of the mean cell at its place, the cell whose interpolation explains
-the white frame best (Richardson and Lucy's iteration over the pixels of a cell).
+Unlike `preparation`, nothing is resampled. The white frame gives the lattice and the sensitivity of
+each pixel: its level over that of the interpolated mean cell. The mean cell is fitted to the white
+frame by Richardson-Lucy iterations over the pixels of a cell.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from clplen.checks import require
 from clplen.compute.device import DeviceLike, as_device
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.frames.prepare import (
-    DARKEST,
+    MIN_WHITE_LEVEL,
     Preparation,
     dark_frame,
     white_frame,
@@ -27,19 +27,19 @@ from clplen.microscopy.reconstruction.frame_projector import FrameProjector
 
 Vector = np.ndarray[Any, Any]
 
-STEPS = 12  # of the iteration that finds the mean cell
+ITERATIONS = 12  # Richardson-Lucy iterations for the mean cell
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RawPreparation(Preparation):
-    """What raw frames of one camera share. Made by `raw_preparation`; called with each of them.
+    """Preparation shared by all raw frames of a camera. Made by `raw_preparation`.
 
     Attributes
     ----------
     pixels, device, dark, lattice, sensitivity, level, mask, sharpest
-        As of `Preparation`, but of the camera's own pixels.
+        Attributes of `Preparation`, on camera pixels instead of rectified pixels.
     projector : FrameProjector or None
-        Onto the frames.
+        Projector onto the raw frames.
 
     Examples
     --------
@@ -49,14 +49,14 @@ class RawPreparation(Preparation):
     >>> images = clplen.point_images(
     ...     camera, [50e-6], voxels_per_lenslet=1, sensor_pixels=9.6, cut=0.05)
     >>> wave = 1 + np.cos(2 * np.pi * np.arange(60) / 9.6)  # lenslets 9.6 pixels apart
-    >>> found = clplen.microscopy.raw_preparation(images, white=1000 * np.outer(wave, wave))
-    >>> found(500 * np.outer(wave, wave)).counts.shape, found.projector.frame_shape
+    >>> prepare = clplen.microscopy.raw_preparation(images, white=1000 * np.outer(wave, wave))
+    >>> prepare(500 * np.outer(wave, wave)).counts.shape, prepare.projector.frame_shape
     ((60, 60), (60, 60))
     """
 
     projector: FrameProjector | None = None
 
-    _MIN_LIGHT: ClassVar[float] = 0.5  # cells at the rim of a frame have less
+    _MIN_LIGHT: ClassVar[float] = 0.5  # excludes cells cut off by the border of a frame
 
     @property
     def _map(self) -> FrameProjector:
@@ -65,17 +65,17 @@ class RawPreparation(Preparation):
 
     @property
     def area(self) -> float:
-        """1: pixels are those of the camera."""
+        """Area of a pixel in camera pixels, 1 without rectification."""
         return 1.0
 
     @property
     def variance(self) -> float:
-        """1: of a pixel over its mean, where counts are photons."""
+        """Variance of a pixel over its mean if counts are photons, 1 without rectification."""
         return 1.0
 
-    def place(self, voxels: int) -> dict[str, tuple[float, float]]:
-        """Where the columns of voxels lie on the raw frame, as of `Preparation`."""
-        return self._map.place()
+    def voxel_grid(self, voxels: int) -> dict[str, tuple[float, float]]:
+        """Return the voxel grid on the raw frame; see `Preparation.voxel_grid`."""
+        return self._map.voxel_grid()
 
     def _cells(self, frame: Vector) -> Vector:
         return self._map.to_cells(frame)
@@ -99,43 +99,43 @@ def raw_preparation(
     find_hot: bool = False,
     memory: int | None = None,
 ) -> RawPreparation:
-    """Find the lattice, the sensitivity of the pixels, and the projector onto raw frames.
+    """Estimate lattice and pixel sensitivity from a white frame; build the projector.
 
-    Of an array of several focal lengths the white frame tells which lenslets are of the first kind:
-    it is compared with even light as the point images give it.
+    For an array of several focal lengths, comparing the white frame with the uniform light of the
+    point images identifies the lenslets of the first kind.
 
     Parameters
     ----------
     images : PointImages
-        As of `FrameProjector`.
+        Point images as in `FrameProjector`.
     white : array_like
         White frame, shape (ny, nx).
     device : Device or str, optional
-        None is ``Device.open()``.
+        OpenCL device; None is ``Device.open()``.
     dark : array_like, optional
         Dark frame, shape (ny, nx).
     saturation : float, optional
-        As of `preparation`.
+        Saturation level as in `preparation`.
     force : bool
-        As of `preparation`.
+        True to continue with an unreliable lattice of the white frame.
     mask : array_like, optional
-        Shape (ny, nx), not 0 where pixels are left out of white and other frames.
+        Mask, shape (ny, nx), with nonzero values at pixels excluded from all frames.
     find_hot : bool
-        Whether pixels that stand out as no light does are left out; see `hot_pixels`.
+        True to exclude hot pixels; see `hot_pixels`.
     memory : int, optional
-        Bytes for matrices, as of `Projector`.
+        Memory for matrices in bytes; see `Projector`.
 
     Returns
     -------
     RawPreparation
-        To be called with each raw frame of the same camera.
+        Preparation to be called with each raw frame of the camera.
 
     Raises
     ------
     ShapeError, ValueError, DeviceError
-        As `preparation` and `FrameProjector`.
+        See `preparation` and `FrameProjector`.
     TypeError
-        If the images are none.
+        If ``images`` are not PointImages.
 
     Examples
     --------
@@ -145,75 +145,77 @@ def raw_preparation(
     >>> images = clplen.point_images(
     ...     camera, [50e-6], voxels_per_lenslet=1, sensor_pixels=9.6, cut=0.05)
     >>> wave = 1 + np.cos(2 * np.pi * np.arange(60) / 9.6)  # lenslets 9.6 pixels apart
-    >>> found = clplen.microscopy.raw_preparation(images, white=1000 * np.outer(wave, wave))
-    >>> f"{found.lattice.pitch[0]:.1f} pixels a lenslet", found.sensitivity.shape
-    ('9.6 pixels a lenslet', (60, 60))
+    >>> prepare = clplen.microscopy.raw_preparation(images, white=1000 * np.outer(wave, wave))
+    >>> f"{prepare.lattice.pitch[0]:.1f} pixels per lenslet", prepare.sensitivity.shape
+    ('9.6 pixels per lenslet', (60, 60))
     """
     device = as_device(device)
     require(PointImages, images, "images", "point_images")
-    seen = white_frame(
+    reference = white_frame(
         white, dark, saturation, kind=images.parameters.get("lattice", "square"),
         pitch=float(images.parameters.get("sensor_pixels", images.pixels)), mask=mask,
         find_hot=find_hot, force=force,
     )  # fmt: skip
-    first = _of_first_kind(images, seen.lattice, seen.light, device)
-    projector = FrameProjector(images, first, device=device, memory=memory)
-    level = np.where(seen.bad, np.float32(0), seen.light)
+    lattice = _first_kind_lattice(images, reference.lattice, reference.light, device)
+    projector = FrameProjector(images, lattice, device=device, memory=memory)
+    level = np.where(reference.bad, np.float32(0), reference.light)
     return RawPreparation(
         images.pixels,
         projector.device,
         dark_frame(dark),
         projector.lattice,
-        _sensitivity(projector, level, ~seen.bad),
+        _sensitivity(projector, level, ~reference.bad),
         level,
-        seen.mask,
+        reference.mask,
         projected_sharpness(projector, images) if find_hot else None,
         projector,
     )
 
 
-def _of_first_kind(images: PointImages, lattice: Lattice, light: Vector, device: Any) -> Lattice:
-    """The same lattice from a lenslet of the first kind on."""
+def _first_kind_lattice(
+    images: PointImages, lattice: Lattice, light: Vector, device: Any
+) -> Lattice:
+    """Shift the origin of the lattice to a lenslet of the first kind."""
     kinds = images.cell.lenslets[1]
     if kinds == 1:
         return lattice
-    even = evenly_lit(images)
+    uniform = evenly_lit(images)
     along = np.array(lattice.row if lattice.turned else lattice.column)
-    best, alike = lattice, -np.inf
+    best, best_correlation = lattice, -np.inf
     for number in range(kinds):
         y, x = np.array(lattice.origin) + number * along
-        moved = replace(lattice, origin=(float(y), float(x)))
-        seen = FrameProjector(images, moved, device=device).of_cell(even)
-        found = float(np.corrcoef(seen.ravel(), light.ravel())[0, 1])
-        if found > alike:
-            best, alike = moved, found
+        candidate = replace(lattice, origin=(float(y), float(x)))
+        frame = FrameProjector(images, candidate, device=device).tiled_frame(uniform)
+        correlation = float(np.corrcoef(frame.ravel(), light.ravel())[0, 1])
+        if correlation > best_correlation:
+            best, best_correlation = candidate, correlation
     return best
 
 
 def evenly_lit(images: PointImages) -> Vector:
-    """The picture of a cell under even light, that of the plane farthest from the native one."""
-    (ny, nx), even = images.cell.pixels, np.zeros(images.cell.pixels)
+    """Return the picture of a cell under even light from the plane with the widest blur."""
+    (ny, nx), total = images.cell.pixels, np.zeros(images.cell.pixels)
     plane = int(np.abs(images.planes).argmax())
     for phase in np.ndindex(images.cell.voxels):
         image = images.image(plane, (phase[0], phase[1]))
         blocks = image.reshape(-1, ny, image.shape[1] // nx, nx)
-        even += blocks.sum(axis=(0, 2), dtype=np.float64)
-    return even
+        total += blocks.sum(axis=(0, 2), dtype=np.float64)
+    return total
 
 
-def _sensitivity(projector: FrameProjector, level: Vector, known: Vector) -> Vector:
-    """Levels over those of the mean cell; 0 where there is no light."""
+def _sensitivity(projector: FrameProjector, level: Vector, valid: Vector) -> Vector:
+    """Divide the levels by the interpolated mean cell; dark pixels become 0."""
 
     def sums(frame: Vector) -> Vector:
         return np.asarray(projector.to_cells(frame).sum(axis=(0, 2), dtype=np.float64))
 
-    weight = np.maximum(sums(known.astype(np.float32)), 1e-6)
-    cell = np.full(weight.shape, float(level[known].mean(dtype=np.float64)))
-    for _ in range(STEPS):
-        mean = projector.of_cell(cell)
-        ratio = np.divide(level, mean, out=np.zeros_like(level), where=known & (mean > 0))
+    weight = np.maximum(sums(valid.astype(np.float32)), 1e-6)
+    cell = np.full(weight.shape, float(level[valid].mean(dtype=np.float64)))
+    for _ in range(ITERATIONS):
+        mean = projector.tiled_frame(cell)
+        ratio = np.divide(level, mean, out=np.zeros_like(level), where=valid & (mean > 0))
         cell *= np.maximum(sums(ratio), 0) / weight
-    mean = projector.of_cell(cell)
-    bright = known & (mean > DARKEST * level.mean(dtype=np.float64)) & (level > 0)
-    found = np.divide(level, mean, out=np.zeros_like(level), where=bright)
-    return np.asarray(found, np.float32)
+    mean = projector.tiled_frame(cell)
+    bright = valid & (mean > MIN_WHITE_LEVEL * level.mean(dtype=np.float64)) & (level > 0)
+    ratio = np.divide(level, mean, out=np.zeros_like(level), where=bright)
+    return np.asarray(ratio, np.float32)

@@ -1,4 +1,4 @@
-"""The most that light of a microscope stands out of the pixels around it, by its point images."""
+"""Largest ratio of a pixel to its neighbours that the light of a microscope can have."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from clplen.microscopy.frames.outliers import (
     AROUND,
-    BRIGHTEST,
+    MAX_EXCLUDED,
     Step,
     Vector,
     steps_around,
@@ -20,64 +20,64 @@ from clplen.microscopy.reconstruction.frame_projector import FrameProjector
 
 Bounds = tuple[float, float, float]
 
-PLANES = 9  # of the point images that are looked at, both ends among them
-DIMMEST = 1e-3  # of the brightest pixel of an image: below it point images are cut short
-HALVES = [  # of the pixels around one: those above, below, left and right, with those beside it
+MAX_PLANES = 9  # evaluated planes, both ends included
+MIN_BRIGHTNESS = 1e-3  # over the brightest pixel of an image; below it point images are cropped
+HALVES = [  # neighbours above, below, left and right of a pixel, those beside it included
     [step for step in AROUND if sign * step[axis] >= 0] for axis in (0, 1) for sign in (-1, 1)
 ]
-ROUNDS = 3  # of points at other places, of which the camera's pixels see other parts
+ROUNDS = 3  # point patterns per plane, at different positions within the pixels
 
 
 def sharpness(images: PointImages | FourierPointImages) -> Bounds:
-    """Return the most that a pixel of a point image stands out of those around it.
+    """Return the largest ratio of a pixel of the point images to the sum of its neighbours.
 
     Parameters
     ----------
     images : PointImages or FourierPointImages
-        Of which nine planes are looked at. The rim of a sub-image may cut those of a Fourier
-        microscope anywhere: their pixels are compared with those on one side of them.
+        Point images, evaluated on at most nine planes. The rim of a sub-image can cut images of a
+        Fourier microscope anywhere, so their pixels are compared with neighbours on one side.
 
     Returns
     -------
     tuple of float
-        c_0, c_1, c_2: over the sum of the sixteen pixels around without the 0, 1, 2 brightest; of a
-        Fourier microscope, whose sub-images differ, of the eight that touch it.
+        Ratios c_0, c_1, c_2 to the sum of the sixteen neighbours without the 0, 1 or 2 brightest;
+        for a Fourier microscope, whose sub-images differ, of the eight adjacent pixels.
     """
     chosen = [images.stored[plane] for plane in chosen_planes(len(images.stored))]
     if isinstance(images, FourierPointImages):
-        alone = [one for stored in chosen for lenslets in stored for one in lenslets]
+        frames = [image for stored in chosen for lenslets in stored for image in lenslets]
         c0, c1, c2 = (
-            max(found) for found in zip(*(_most(alone, one) for one in HALVES), strict=True)
+            max(ratios) for ratios in zip(*(_bounds(frames, h) for h in HALVES), strict=True)
         )
         return c0, c1, c2
     steps = steps_around(images.pixels)
-    return _most((image for stored in chosen for image in stored), steps)
+    return _bounds((image for stored in chosen for image in stored), steps)
 
 
 def projected_sharpness(projector: FrameProjector, images: PointImages) -> Bounds:
-    """Return the same of points as the camera's own pixels see them."""
-    return _most(_points(projector, images), steps_around(projector.lattice))
+    """Return the bounds of `sharpness` for point images on raw camera pixels."""
+    return _bounds(_points(projector, images), steps_around(projector.lattice))
 
 
 def chosen_planes(count: int) -> list[int]:
-    """Nine of so many planes at most, both ends among them."""
-    return [int(one) for one in np.unique(np.linspace(0, count - 1, PLANES).astype(int))]
+    """Return the indices of at most nine evenly spaced planes, both ends included."""
+    return [int(plane) for plane in np.unique(np.linspace(0, count - 1, MAX_PLANES).astype(int))]
 
 
-def _most(frames: Iterable[Vector], steps: list[Step]) -> Bounds:
-    """Over frames of points that do not touch each other."""
-    most = np.zeros(BRIGHTEST + 1)
+def _bounds(frames: Iterable[Vector], steps: list[Step]) -> Bounds:
+    """Return the largest ratios over frames of points whose images do not touch."""
+    bounds = np.zeros(MAX_EXCLUDED + 1)
     for frame in frames:
         light = np.maximum(frame, 0, dtype=np.float32)
-        seen = light > DIMMEST * light.max()
-        around = (one[seen] for one in sums_around(light, steps, beyond=False))
-        found = [float((light[seen] / np.maximum(one, 1e-30)).max()) for one in around]
-        most = np.maximum(most, found)
-    return (float(most[0]), float(most[1]), float(most[2]))
+        bright = light > MIN_BRIGHTNESS * light.max()
+        sums = (total[bright] for total in sums_around(light, steps, beyond=False))
+        ratios = [float((light[bright] / np.maximum(total, 1e-30)).max()) for total in sums]
+        bounds = np.maximum(bounds, ratios)
+    return (float(bounds[0]), float(bounds[1]), float(bounds[2]))
 
 
 def _points(projector: FrameProjector, images: PointImages) -> Iterator[Vector]:
-    """Frames of points of a plane as far apart as their images reach."""
+    """Yield frames of points in a plane, spaced so that their images do not touch."""
     rng = np.random.default_rng(0)
     (vy, vx), shape = images.cell.voxels, projector.volume_shape
     for plane in chosen_planes(len(images.stored)):

@@ -1,1 +1,1 @@
-"""Point images of a microscope: the cells of its array, the waves, the files."""
+"""Point images of a microscope: unit cells of the array, simulation, files."""

@@ -1,4 +1,4 @@
-"""The rectangle of an array of lenslets that repeats, with the voxels and pixels of it.
+"""Unit cell of a lenslet array: the rectangle that repeats, with its voxels and pixels.
 
     square, one kind       1 x 1 lenslet       both mirrors, and y <-> x
     square, two kinds      2 x 2               both mirrors, and y <-> x
@@ -7,8 +7,8 @@
                                                both mirrors
     hexagonal, three kinds 2 x 3               y -> -y; x -> -x exchanges the second and the third
 
-Cells are centred on a lenslet of the first kind, and are rows and columns without offset, so that a
-lattice of any kind is a rectangular lattice of cells.
+Cells are centred on a lenslet of the first kind and form rows and columns without offset: a lattice
+of any kind is a rectangular lattice of cells.
 """
 
 from __future__ import annotations
@@ -28,34 +28,34 @@ _ROOT = math.sqrt(3)
 
 @dataclass(frozen=True)
 class Cell:
-    """A rectangle of an array that repeats, centred on a lenslet of the first kind."""
+    """Unit cell of an array, centred on a lenslet of the first kind."""
 
-    lenslets: Pair  # (rows, columns) of lenslets whose area it has
+    lenslets: Pair  # (rows, columns) of lenslets with the area of the cell
     size: tuple[float, float]  # (height, width) over the pitch
     voxels: Pair  # (vy, vx)
     pixels: Pair  # (ny, nx)
-    mirror_y: bool  # whether y -> -y leaves the array as it is
-    mirror_x: bool  # x -> -x
-    transposed: bool  # the exchange of y and x
-    turned: bool  # (y, x) -> (-y, -x)
+    mirror_y: bool  # True if the array is symmetric under y -> -y
+    mirror_x: bool  # True if the array is symmetric under x -> -x
+    transposed: bool  # True if the array is symmetric under the exchange of y and x
+    turned: bool  # True if the array is symmetric under (y, x) -> (-y, -x)
 
     @property
     def parts(self) -> tuple[int, ...]:
-        """Parts of the point images that the projector keeps matrices of.
+        """Parity classes of the point images, each with matrices of its own in the projector.
 
-        Bit 0: what changes its sign where y and x are reversed; bit 1: where y is.
+        Bit 0 marks parts that are odd under the reversal of y and x, bit 1 under that of y.
         """
         return tuple(part for part in range(4) if self._has(part))
 
     def _has(self, part: int) -> bool:
-        """Whether anything has the signs of a part: not those that a mirror forbids."""
+        """Return True if the symmetries of the array allow the signs of a part."""
         turn, down = (-1 if part & bit else 1 for bit in (1, 2))
         right = turn * down
         signs = ((self.mirror_y, down), (self.mirror_x, right), (self.turned, turn))
         return all(sign > 0 or not mirror for mirror, sign in signs)
 
-    def behind(self, orders: Sequence[int]) -> Cell:
-        """The cell as light sees it whose pupil has aberrations."""
+    def with_aberrations(self, orders: Sequence[int]) -> Cell:
+        """Return the cell without the symmetries that Zernike orders of the pupil break."""
         return replace(
             self,
             mirror_y=self.mirror_y and all(m >= 0 for m in orders),
@@ -65,7 +65,7 @@ class Cell:
         )
 
     def phases(self) -> list[Pair]:
-        """Voxels (sy, sx) of a cell whose images are not mirror images of others."""
+        """Return the voxels (sy, sx) of a cell that are not mirror images of other voxels."""
         vy, vx = self.voxels
         rows = range((vy + 1) // 2 if self.mirror_y else vy)
         columns = range((vx + 1) // 2 if self.mirror_x else vx)
@@ -73,7 +73,7 @@ class Cell:
 
     @property
     def count(self) -> int:
-        """How many `phases` there are."""
+        """Number of `phases`."""
         rows, columns = (
             (v + 1) // 2 if mirror else v
             for v, mirror in zip(self.voxels, (self.mirror_y, self.mirror_x), strict=True)
@@ -81,7 +81,7 @@ class Cell:
         return rows * (rows + 1) // 2 if self.transposed else rows * columns
 
     def folded(self, phase: Pair) -> tuple[Pair, tuple[bool, bool], bool]:
-        """The one of `phases` whose image that of a voxel is made of."""
+        """Return the phase with the mirrored image of a voxel, the mirrors (y, x) and exchange."""
         mirrors = (self.mirror_y, self.mirror_x)
         turned = [
             mirror and s > v - 1 - s
@@ -94,8 +94,8 @@ class Cell:
         return ((b, a) if exchanged else (a, b)), (turned[0], turned[1]), exchanged
 
 
-def place_of(first: Any, down: Any, right: Any) -> dict[str, tuple[float, float]]:
-    """Where columns of voxels lie on a frame: the first one, and steps, (y, x) in pixels."""
+def voxel_grid(first: Any, down: Any, right: Any) -> dict[str, tuple[float, float]]:
+    """Return the first position and the steps of the voxels on a frame, (y, x) in pixels."""
     return {
         name: (round(float(y), 4), round(float(x), 4))
         for name, (y, x) in (("first", first), ("down", down), ("right", right))
@@ -103,17 +103,17 @@ def place_of(first: Any, down: Any, right: Any) -> dict[str, tuple[float, float]
 
 
 def cell_of(lattice: str, kinds: int, *, voxels: int, pixels: int) -> Cell:
-    """The cell of an array with some voxels and pixels a lenslet.
+    """Return the cell of an array from the voxels and pixels per lenslet.
 
-    A hexagonal lattice has about as many of them along y, where rows are sqrt(3)/2 of the pitch
-    apart: the next whole number of voxels of a cell, none higher than wide, and the next one of
-    pixels that transforms quickly.
+    Rows of a hexagonal lattice are sqrt(3)/2 of the pitch apart. Along y its cell gets the next
+    integer number of voxels, none higher than wide. Its number of pixels is rounded up to a length
+    with fast transforms.
     """
     if lattice == "hexagonal":
         high = smooth_length(math.ceil(_ROOT * pixels))
-        size, many = (_ROOT, float(kinds)), (math.ceil(_ROOT * voxels), kinds * voxels)
-        mirror_x = kinds == 1
-        return Cell((2, kinds), size, many, (high, kinds * pixels), True, mirror_x, False, mirror_x)
+        size, count = (_ROOT, float(kinds)), (math.ceil(_ROOT * voxels), kinds * voxels)
+        mirror_x, shape = kinds == 1, (high, kinds * pixels)
+        return Cell((2, kinds), size, count, shape, True, mirror_x, False, mirror_x)
     step = 2 if kinds > 3 else 1
     rows = kinds // math.gcd(kinds, step)
     lenslets = (rows, kinds)
@@ -130,7 +130,7 @@ def cell_of(lattice: str, kinds: int, *, voxels: int, pixels: int) -> Cell:
 
 
 def cell_in(parameters: Mapping[str, Any], voxels: int, pixels: int) -> Cell:
-    """The cell of what `PointImages.parameters` describe."""
+    """Return the cell of the array described by `PointImages.parameters`."""
     kinds = len(parameters.get("lenslet_focal_lengths", (0,)))
     cell = cell_of(parameters.get("lattice", "square"), kinds, voxels=voxels, pixels=pixels)
-    return cell.behind([noll(int(j))[1] for j in parameters.get("pupil") or ()])
+    return cell.with_aberrations([noll(int(j))[1] for j in parameters.get("pupil") or ()])

@@ -1,4 +1,4 @@
-"""The images of a point behind every lenslet of a Fourier light-field microscope."""
+"""Point images of a Fourier light-field microscope, one behind each lenslet."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ Vector = np.ndarray[Any, Any]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FourierPointImages:
-    """Point images of a Fourier microscope. Made by `fourier_point_images`, or measured.
+    """Point images of a Fourier microscope, simulated by `fourier_point_images` or measured.
 
-    Within a sub-image a point's image has the same form everywhere, so that one of each lenslet
-    describes a plane: b x b of them where voxels are finer than pixels.
+    The image of a point is shift-invariant within a sub-image. A plane is therefore described by
+    an image per lenslet, or by b x b images if voxels are finer than pixels.
 
     Attributes
     ----------
     parameters : dict
-        Everything that they depend on, by name: numbers in SI units, lists and strings.
+        Parameters of the images by name: numbers in SI units, lists and strings.
     planes : numpy.ndarray
-        float64, shape (planes,): z of each plane in metres, farther positive.
+        z of each plane in metres, farther positive, float64, shape (planes,).
     voxels : int
-        b, of a pixel along an axis.
+        Number b of voxels per pixel along an axis.
     side : float
-        Of a voxel along y and x, in metres.
+        Side of a voxel along y and x, in metres.
     shape : tuple of int
-        (ny, nx) pixels of the sensor.
+        Shape (ny, nx) of the sensor in pixels.
     centres : numpy.ndarray
-        float64, shape (lenslets, 2): (y, x) in pixels, whose centres are integers, of the axis
-        point in the focal plane.
+        Images (y, x) of the axis point in the focal plane, in pixels with integer centres,
+        float64, shape (lenslets, 2).
     radius : float
-        Of a sub-image in pixels: the field stop's. Light beyond is cut off.
+        Radius of a sub-image in pixels, set by the field stop, which blocks light beyond it.
     stored : tuple of numpy.ndarray
-        For each plane the images, float32, shape (b b, lenslets, k, k).
+        Images of each plane, float32, shape (b b, lenslets, k, k).
     corners : numpy.ndarray
-        int32, shape (planes, lenslets, 2): pixel (y, x) of the sensor where an image of the axis
-        pixel begins.
+        First sensor pixel (y, x) of each image of the axis pixel, int32, shape (planes, lenslets,
+        2).
 
     Examples
     --------
@@ -65,7 +65,7 @@ class FourierPointImages:
     corners: Vector
 
     def __repr__(self) -> str:
-        size = sum(one.nbytes for one in self.stored) / 2**20
+        size = sum(images.nbytes for images in self.stored) / 2**20
         return (
             f"<FourierPointImages of {len(self.planes)} planes, {len(self.centres)} lenslets, "
             f"{self.shape[0]} x {self.shape[1]} pixels, {size:.3g} MiB>"
@@ -73,17 +73,17 @@ class FourierPointImages:
 
     @property
     def sides(self) -> tuple[float, float]:
-        """(dy, dx) of a voxel in metres, which are the same."""
+        """Equal sides (dy, dx) of a voxel in metres."""
         return self.side, self.side
 
     @property
     def field(self) -> tuple[int, int]:
-        """Pixels (rows, columns) of a volume as wide as a sub-image, odd."""
+        """Shape (rows, columns) in pixels of a volume as wide as a sub-image, odd."""
         across = 2 * int(np.ceil(self.radius)) + 1
         return across, across
 
     def inside(self, lenslet: int, corner: tuple[int, int], shape: tuple[int, int]) -> Vector:
-        """Return the share of pixels from ``corner`` on in the sub-image of a lenslet, float32."""
+        """Return the share of each pixel from ``corner`` on inside a lenslet's sub-image."""
         y, x = (
             first + np.arange(n) - middle
             for first, n, middle in zip(corner, shape, self.centres[lenslet], strict=True)
@@ -91,18 +91,18 @@ class FourierPointImages:
         return covered(self.radius - np.hypot(y[:, None], x), 1.0).astype(np.float32)
 
     def image(self, plane: int, phase: tuple[int, int]) -> Vector:
-        """Return the frame of one voxel of energy 1 in the pixel on the axis, float32.
+        """Return the frame of a single voxel of energy 1 in the pixel on the axis, float32.
 
-        ``phase`` is (sy, sx) of the voxel in its pixel, each from 0 to b - 1.
+        ``phase`` is the position (sy, sx) of the voxel in its pixel, each from 0 to b - 1.
         """
         b = self.voxels
         if not all(0 <= s < b for s in phase):
-            raise ValueError(f"A pixel has voxels (0, 0) to ({b - 1}, {b - 1}), not {phase!r}.")
+            raise ValueError(f"phase must be (0, 0) to ({b - 1}, {b - 1}), got {phase!r}.")
         ny, nx = self.shape
         frame = np.zeros((ny, nx), np.float32)
         stack = self.stored[plane][phase[0] * b + phase[1]]
         for lenslet, image in enumerate(stack):
-            y, x = (int(one) for one in self.corners[plane, lenslet])
+            y, x = map(int, self.corners[plane, lenslet])
             lit = image * self.inside(lenslet, (y, x), (image.shape[0], image.shape[1]))
             rows = slice(max(y, 0), min(y + image.shape[0], ny))
             columns = slice(max(x, 0), min(x + image.shape[1], nx))
@@ -111,6 +111,6 @@ class FourierPointImages:
                 frame[rows, columns] += part
         return frame
 
-    def kept(self, plane: int) -> float:
-        """The least share of a voxel's light, of that in the pupil, in its images of a plane."""
+    def captured_share(self, plane: int) -> float:
+        """Return the minimum share of a voxel's light in the pupil that its images contain."""
         return float(self.stored[plane].sum(axis=(1, 2, 3), dtype=np.float64).min())

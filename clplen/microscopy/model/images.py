@@ -1,4 +1,4 @@
-"""The images of a volume's voxels behind a light-field microscope."""
+"""Point images of a light-field microscope, the images of a volume's voxels."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ class PointImages:
     Attributes
     ----------
     parameters : dict
-        Everything that they depend on, by name: numbers in SI units and strings.
+        Parameters of the images by name: numbers in SI units and strings.
     planes : numpy.ndarray
-        float64, shape (planes,): z of each plane in metres, farther positive.
+        z of each plane in metres, farther positive, float64, shape (planes,).
     voxels : int
-        v, of a lenslet along x; of a square lattice along y, too.
+        Number v of voxels per lenslet along x; along y, too, in a square lattice.
     pixels : int
-        n, likewise.
+        Number n of pixels per lenslet along x; along y, too, in a square lattice.
     stored : tuple of numpy.ndarray
-        For each plane the different images, float32 or float16, shape (u, ny ky, nx kx), k = 2 r +
-        1 cells about that of the voxel, in the order of ``cell.phases()``. A square lattice of one
-        kind of lenslets has cells of a lenslet: shape (u, n k, n k), phases (a, b), a <= b <= (v -
-        1)/2.
+        Different images of each plane, float32 or float16, shape (u, ny ky, nx kx), in the order
+        of ``cell.phases()``, on k = 2 r + 1 cells about the cell of the voxel. Cells of a square
+        lattice with a single kind of lenslets are lenslets: shape (u, n k, n k), phases (a, b) with
+        a <= b <= (v - 1)/2.
     scales : numpy.ndarray
-        float64, shape (planes,): what the stored numbers are multiplied by.
+        Factors of the stored numbers, float64, shape (planes,).
     notes : dict
-        Numbers that tell more of them, without which they are the same: "sensor_pixels", pixels a
-        lenslet of the sensor by the parameters, before rectification; "binning_error", how far an
-        image is from that of pixels twice as fine, norm over norm.
+        Further numbers, which do not change the images: "sensor_pixels", nominal sensor pixels per
+        lenslet before rectification; "binning_error", relative difference (norm over norm) of an
+        image to that with pixels half as large.
 
     Examples
     --------
@@ -63,95 +63,98 @@ class PointImages:
     notes: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        about = {name: one for name, one in self.parameters.items() if isinstance(one, Real)}
-        check_finite(**about, planes=self.planes, voxels=self.voxels, pixels=self.pixels)
+        numbers = {
+            name: value for name, value in self.parameters.items() if isinstance(value, Real)
+        }
+        check_finite(**numbers, planes=self.planes, voxels=self.voxels, pixels=self.pixels)
 
     def __repr__(self) -> str:
-        size = sum(one.nbytes for one in self.stored) / 2**20
+        size = sum(images.nbytes for images in self.stored) / 2**20
         (vy, vx), (ny, nx), (rows, columns) = self.cell.voxels, self.cell.pixels, self.cell.lenslets
-        what = "a lenslet" if rows * columns == 1 else f"a cell of {rows} x {columns} lenslets"
+        unit = "a lenslet" if rows * columns == 1 else f"a cell of {rows} x {columns} lenslets"
         return (
             f"<PointImages of {len(self.planes)} planes, {vy} x {vx} voxels and {ny} x {nx} pixels "
-            f"{what}, {size:.3g} MiB>"
+            f"{unit}, {size:.3g} MiB>"
         )
 
     @cached_property
     def cell(self) -> Cell:
-        """What repeats: a lenslet, or a rectangle of some of them."""
+        """Unit cell of the array: a lenslet, or a rectangle of several lenslets."""
         return cell_in(self.parameters, self.voxels, self.pixels)
 
     @property
     def side(self) -> float:
-        """Of a voxel along x, in metres."""
+        """Side of a voxel along x, in metres."""
         return self.sides[1]
 
     @property
     def sides(self) -> tuple[float, float]:
-        """(dy, dx) of a voxel in metres; those of a square lattice are the same."""
-        about = self.parameters
-        lenslet = about["lenslet_pitch"] / about["magnification"]
+        """Sides (dy, dx) of a voxel in metres, equal in a square lattice."""
+        parameters = self.parameters
+        lenslet = parameters["lenslet_pitch"] / parameters["magnification"]
         dx = lenslet / self.voxels
         (height, width), (vy, vx) = self.cell.size, self.cell.voxels
         return float(dx if height * vx == width * vy else lenslet * height / vy), float(dx)
 
     @property
     def radii(self) -> tuple[int, ...]:
-        """r of each plane: cells along x from that of the voxel to the last one with light."""
+        """Radius of the images of each plane along x, in cells."""
         return tuple(r for _, r in self.reaches)
 
     @property
     def reaches(self) -> tuple[tuple[int, int], ...]:
-        """(ry, rx) of each plane; those of a square lattice are the same."""
+        """Radii (ry, rx) of the images of each plane in cells, equal in a square lattice."""
         ny, nx = self.cell.pixels
-        shapes = (one.shape[1:] for one in self.stored)
+        shapes = (images.shape[1:] for images in self.stored)
         return tuple(((y // ny - 1) // 2, (x // nx - 1) // 2) for y, x in shapes)
 
     @property
     def blurs(self) -> Vector:
-        """Lenslets that a point's light reaches to a side, by plane; below 1/2 none sees detail."""
-        about = self.parameters
-        tangent = about["na"] / np.sqrt(np.square(about["medium_index"]) - np.square(about["na"]))
-        scale = about["magnification"] * tangent / about["lenslet_pitch"]
+        """Blur radius of a point in lenslets, by plane; below 1/2 no lenslet resolves detail."""
+        parameters = self.parameters
+        tangent = parameters["na"] / np.sqrt(
+            np.square(parameters["medium_index"]) - np.square(parameters["na"])
+        )
+        scale = parameters["magnification"] * tangent / parameters["lenslet_pitch"]
         return np.asarray(np.abs(self.planes) * scale)
 
     def image(self, plane: int, phase: tuple[int, int]) -> Vector:
-        """Return the image of one voxel of energy 1, float32, shape (ny ky, nx kx).
+        """Return the image of a voxel of energy 1, float32, shape (ny ky, nx kx).
 
-        ``phase`` is (sy, sx) of the voxel in its cell; pixels are those of the cells about its own.
+        ``phase`` is the position (sy, sx) of the voxel in its cell, the centre of the image.
         """
         vy, vx = self.cell.voxels
         if not (0 <= phase[0] < vy and 0 <= phase[1] < vx):
-            what = "lenslet" if self.cell.lenslets == (1, 1) else "cell"
-            raise ValueError(f"A {what} has voxels (0, 0) to ({vy - 1}, {vx - 1}), not {phase!r}.")
+            raise ValueError(f"phase must be (0, 0) to ({vy - 1}, {vx - 1}), got {phase!r}.")
         source, turned, exchanged = self.cell.folded(phase)
-        found = self.stored[plane][self._numbers[source]]
+        image = self.stored[plane][self._numbers[source]]
         if exchanged:
-            found = found.T
+            image = image.T
         down, right = (-1 if turn else 1 for turn in turned)
-        values = found[::down, ::right].astype(np.float32)
+        values = image[::down, ::right].astype(np.float32)
         return np.ascontiguousarray(values * np.float32(self.scales[plane]))
 
     @cached_property
     def _numbers(self) -> dict[tuple[int, int], int]:
-        """Where the images of phases are stored."""
+        """Index of the stored image of each phase."""
         return {phase: number for number, phase in enumerate(self.cell.phases())}
 
     def part(self, plane: int, phase: tuple[int, int], part: int) -> Vector:
-        """Return a part of an image, which keeps or changes its sign under the mirrors."""
+        """Return the even or odd part of an image under the mirrors, see `Cell.parts`."""
         total = self.image(plane, phase)
         (vy, vx), (a, b), parts = self.cell.voxels, phase, self.cell.parts
         if len(parts) == 1:
             return total
         turned = self.image(plane, (vy - 1 - a, vx - 1 - b))[::-1, ::-1]
         total = (total + (-turned if part & 1 else turned)) / 2
-        if not any(one & 2 for one in parts):
+        if not any(p & 2 for p in parts):
             return total
         mirrored = self.image(plane, (vy - 1 - a, b))[::-1]
         other = self.image(plane, (a, vx - 1 - b))[:, ::-1]
         mirrored = (mirrored + (-other if part & 1 else other)) / 2
         return np.asarray((total + (-mirrored if part & 2 else mirrored)) / 2)
 
-    def kept(self, plane: int) -> float:
-        """The least share of a voxel's light in its images of a plane."""
+    def captured_share(self, plane: int) -> float:
+        """Return the minimum share of a voxel's light that its image in a plane contains."""
         sums = self.stored[plane].astype(np.float64).sum(axis=(1, 2))
         return float(sums.min() * self.scales[plane])

@@ -1,4 +1,4 @@
-"""Point images of both kinds of microscope in HDF5: a dataset a plane, parameters and a digest."""
+"""HDF5 files of point images: a dataset per plane, the parameters and a digest."""
 
 from __future__ import annotations
 
@@ -26,32 +26,32 @@ AnyImages = PointImages | FourierPointImages
 Parameters = dict[str, Any]
 
 FORMAT = "clplen point images 1"
-OF_CELLS = "clplen point images 3"  # with cells of several lenslets, which readers of 1 do not know
+CELL_FORMAT = "clplen point images 3"  # cells of several lenslets, not supported by format 1
 FOURIER = "clplen Fourier point images 1"
-# Bytes of a file over those of its images; from .79 and .46 on were measured.
-DENSEST = {"float32": 0.7, "float16": 0.4}
+# Lower bound of the bytes of a file over those of its images; measured: 0.79 and 0.46 or more.
+MIN_COMPRESSION = {"float32": 0.7, "float16": 0.4}
 
-_DEFLATE = 1032  # largest ratio of gzip
-_SLACK = 1 << 20  # bytes that any file may ask for
+_MAX_DEFLATE_RATIO = 1032  # limit of the format
+_MAX_SMALL_BYTES = 1 << 20  # datasets up to this size are always allowed
 _DAMAGED = (
     OSError, ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError,
 )  # fmt: skip
 
 
 def write_point_images(path: PathLike, images: AnyImages) -> None:
-    """Write point images; the file appears whole or not at all.
+    """Write point images to a file atomically.
 
     Parameters
     ----------
     path : path-like
-        HDF5 file; one that is there is replaced.
+        HDF5 file; an existing file is replaced.
     images : PointImages or FourierPointImages
         Point images of a microscope or of a Fourier microscope.
 
     Raises
     ------
     OSError
-        If the file cannot be written, with the bytes it takes and those that the disk has free.
+        If the file cannot be written; the message gives the required and the free bytes.
 
     Examples
     --------
@@ -70,12 +70,12 @@ def write_point_images(path: PathLike, images: AnyImages) -> None:
         attributes["shape"] = images.shape
         arrays, chunk_axes = {"centres": images.centres, "corners": images.corners}, 2
     else:
-        attributes["format"] = FORMAT if images.cell.lenslets == (1, 1) else OF_CELLS
+        attributes["format"] = FORMAT if images.cell.lenslets == (1, 1) else CELL_FORMAT
         if images.notes:
             attributes["notes"] = json.dumps(images.notes)
         arrays, chunk_axes = {"scales": images.scales}, 1
-    made = io.BytesIO()  # HDF5 ends the whole program where a disk is full
-    with h5py.File(made, "w") as file:
+    buffer = io.BytesIO()  # HDF5 aborts the whole program if a disk is full
+    with h5py.File(buffer, "w") as file:
         file.attrs["software"] = MARK
         file.attrs["parameters"] = json.dumps(images.parameters)
         for name, value in attributes.items():
@@ -91,31 +91,31 @@ def write_point_images(path: PathLike, images: AnyImages) -> None:
                 compression_opts=1,
                 shuffle=True,
             )
-    check_space(path, made.getbuffer().nbytes)
+    check_space(path, buffer.getbuffer().nbytes)
     with replacing(path) as temporary:
-        temporary.write_bytes(made.getbuffer())
+        temporary.write_bytes(buffer.getbuffer())
 
 
 def read_point_images(path: PathLike) -> AnyImages:
-    """Read point images.
+    """Read point images from a file.
 
     Parameters
     ----------
     path : path-like
-        HDF5 file that `write_point_images` wrote.
+        HDF5 file written by `write_point_images`.
 
     Returns
     -------
     PointImages or FourierPointImages
-        Point images as they were written.
+        Point images with the written values and parameters.
 
     Raises
     ------
     FormatError
-        If the file holds no point images, was changed since it was written, or holds more than
-        there is memory for.
+        If the file contains no point images, was changed after writing, or does not fit the
+        memory.
     FileNotFoundError
-        If there is none.
+        If the file does not exist.
 
     Examples
     --------
@@ -128,17 +128,21 @@ def read_point_images(path: PathLike) -> AnyImages:
     >>> np.array_equal(again.image(1, (0, 0)), images.image(1, (0, 0)))
     True
     """
-    place = Path(path)
-    with _opened(place) as file:
+    path = Path(path)
+    with _opened(path) as file:
         is_fourier = file.attrs["format"] == FOURIER
         planes = _planes_in(file)
-        beside = [file[name] for name in (("centres", "corners") if is_fourier else ("scales",))]
-        _check_memory(place, [*planes, *beside])
+        tables = [file[name] for name in (("centres", "corners") if is_fourier else ("scales",))]
+        _check_memory(path, [*planes, *tables])
         read = _read_fourier if is_fourier else _read_images
-        images = read(file, json.loads(file.attrs["parameters"]), tuple(one[()] for one in planes))
+        stored = tuple(plane[()] for plane in planes)
+        images = read(file, json.loads(file.attrs["parameters"]), stored)
         written = file.attrs["digest"]
     if digest(images) != written:
-        raise FormatError(f"The point images in {place} are not those that were written: damaged.")
+        raise FormatError(
+            f"The point images in {path} do not match their digest: the file is damaged; make it "
+            "again."
+        )
     return images
 
 
@@ -146,10 +150,10 @@ def _read_images(
     file: h5py.File, parameters: Parameters, stored: tuple[np.ndarray[Any, Any], ...]
 ) -> PointImages:
     notes = {
-        str(name): float(one)
-        for name, one in dict(json.loads(file.attrs.get("notes", "{}"))).items()
+        str(name): float(value)
+        for name, value in dict(json.loads(file.attrs.get("notes", "{}"))).items()
     }
-    if not all(0 <= one < math.inf for one in notes.values()):
+    if not all(0 <= value < math.inf for value in notes.values()):
         raise ValueError(f"notes are {notes!r}")
     for name in {"planes", "lenslet_focal_lengths"} & parameters.keys():
         parameters[name] = tuple(parameters[name])
@@ -182,8 +186,8 @@ def _read_fourier(
     fits = images.centres.shape == (lenslets, 2) and lenslets > 0 and b > 0
     fits = fits and images.corners.shape == (planes, lenslets, 2) and len(stored) == planes
     fits = fits and all(
-        one.ndim == 4 and one.shape[:2] == (b * b, lenslets) and one.shape[2] == one.shape[3]
-        for one in stored
+        p.ndim == 4 and p.shape[:2] == (b * b, lenslets) and p.shape[2] == p.shape[3]
+        for p in stored
     )
     if not (fits and min(images.shape) > 0 and images.side > 0 and images.radius > 0):
         raise ValueError("arrays do not fit each other")
@@ -192,22 +196,22 @@ def _read_fourier(
 
 @contextmanager
 def _opened(path: Path) -> Iterator[h5py.File]:
-    """Open a file of point images; refuse a damaged one in one sentence."""
+    """Open a file of point images; raise FormatError for a damaged file."""
     if not path.is_file():
         raise FileNotFoundError(f"There is no file {path}.")
     try:
         require_heaps(path)
         with h5py.File(path, "r") as file:
-            if file.attrs.get("format") not in (FORMAT, OF_CELLS, FOURIER):
-                raise FormatError(f"{path} holds no point images.")
+            if file.attrs.get("format") not in (FORMAT, CELL_FORMAT, FOURIER):
+                raise FormatError(f"{path} contains no point images.")
             require_own(file, path)
             yield file
     except _DAMAGED as error:
         if isinstance(error, FormatError):
             raise
         raise FormatError(
-            f"{path} is no whole file of point images: it was cut short, damaged or is another "
-            "file; make it again."
+            f"{path} is not a complete file of point images: it is truncated, damaged or of "
+            "another kind; make it again."
         ) from error
 
 
@@ -217,32 +221,33 @@ def _planes_in(file: h5py.File) -> list[h5py.Dataset]:
 
 
 def _check_memory(path: Path, datasets: Sequence[h5py.Dataset]) -> None:
-    """Refuse more samples than the file can hold, or the memory."""
-    chunks = [math.prod(one.chunks or ()) * one.dtype.itemsize for one in datasets]
-    nbytes = sum(one.nbytes for one in datasets)
-    if max(nbytes, *chunks) > path.stat().st_size * _DEFLATE + _SLACK:
+    """Raise an error for more samples than the file can contain, or the memory."""
+    chunks = [math.prod(data.chunks or ()) * data.dtype.itemsize for data in datasets]
+    nbytes = sum(data.nbytes for data in datasets)
+    if max(nbytes, *chunks) > path.stat().st_size * _MAX_DEFLATE_RATIO + _MAX_SMALL_BYTES:
         raise ValueError(f"{nbytes:,} bytes are declared")
     free = free_memory()
     if nbytes > free:
         raise FormatError(
-            f"The point images in {path} need {nbytes:,} bytes, and {free:,} are free: make them "
-            "for fewer planes, with a larger cut or with store='float16'."
+            f"The point images in {path} need {nbytes:,} bytes of memory, {free:,} are free: make "
+            "them for fewer planes, with a larger cut or with store='float16'."
         )
 
 
 def read_parameters(path: PathLike) -> tuple[Parameters, list[tuple[int, ...]]] | None:
-    """Return what a file's point images depend on, and their shapes, without reading them."""
+    """Return the parameters and shapes of a file's point images without reading the images."""
     try:
         with _opened(Path(path)) as file:
-            return json.loads(file.attrs["parameters"]), [one.shape for one in _planes_in(file)]
+            shapes = [plane.shape for plane in _planes_in(file)]
+            return json.loads(file.attrs["parameters"]), shapes
     except (OSError, FormatError):
         return None
 
 
 def read_matching(path: PathLike | None, parameters: Parameters) -> AnyImages | None:
-    """Return the point images of a file; refuse other parameters.
+    """Return the point images of a file; raise ValueError if its parameters differ.
 
-    None without a file; raise OSError where none can be written.
+    Return None if the file does not exist; raise OSError if it could not be written.
     """
     if path is None:
         return None
@@ -251,37 +256,37 @@ def read_matching(path: PathLike | None, parameters: Parameters) -> AnyImages | 
         return None
     images = read_point_images(path)
     for name, value in parameters.items():
-        there = images.parameters.get(name)
-        if there != value:
+        saved = images.parameters.get(name)
+        if saved != value:
             raise ValueError(
-                f"The point images in {path} were made with {_difference(name, there, value)}: "
-                "give another path, or remove the file to have them made anew."
+                f"The point images in {path} were made with {_difference(name, saved, value)}: "
+                "give another path, or remove the file to make them again."
             )
     return images
 
 
-def _difference(name: str, there: Any, wanted: Any) -> str:
-    """Name what is there, and what is wanted; of planes their number, or the first that differs."""
-    if name == "planes" and there is not None:
-        if len(there) != len(wanted):
-            return f"{len(there)} planes, not {len(wanted)}"
-        pairs = enumerate(zip(there, wanted, strict=True))
-        number, (there, wanted) = next(pair for pair in pairs if pair[1][0] != pair[1][1])
+def _difference(name: str, saved: Any, expected: Any) -> str:
+    """Describe the saved and the expected value; for planes their number or first difference."""
+    if name == "planes" and saved is not None:
+        if len(saved) != len(expected):
+            return f"{len(saved)} planes, not {len(expected)}"
+        pairs = enumerate(zip(saved, expected, strict=True))
+        number, (saved, expected) = next(pair for pair in pairs if pair[1][0] != pair[1][1])
         name = f"planes[{number}]"
-    if isinstance(wanted, list | tuple) and len(wanted) > 2:
+    if isinstance(expected, list | tuple) and len(expected) > 2:
         return f"other {name}"
-    return f"{name} = {there!r}, not {wanted!r}"
+    return f"{name} = {saved!r}, not {expected!r}"
 
 
 def digest(images: AnyImages) -> str:
-    """Return the SHA-256 of the parameters and all numbers, with their shapes."""
+    """Return the SHA-256 of the parameters and of all arrays with their shapes."""
     if isinstance(images, FourierPointImages):
         numbers = np.array([images.side, images.radius, *images.shape], np.float64)
-        beside = [numbers, images.centres, images.corners]
+        tables = [numbers, images.centres, images.corners]
     else:
-        beside = [images.scales]
+        tables = [images.scales]
     total = hashlib.sha256(json.dumps(images.parameters, sort_keys=True).encode())
-    for values in (*beside, *images.stored):
+    for values in (*tables, *images.stored):
         total.update(str(values.shape).encode())
         total.update(np.ascontiguousarray(values).tobytes())
     return total.hexdigest()

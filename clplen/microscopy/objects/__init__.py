@@ -1,1 +1,1 @@
-"""What volumes hold: points, regions, their tracks and their brightness in time."""
+"""Objects in volumes: points, regions, tracks and brightness over time."""

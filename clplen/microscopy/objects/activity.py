@@ -1,4 +1,4 @@
-"""How bright the regions of a series are over time: F, F0 and dF/F."""
+"""Brightness of regions over a series: F, F0 and dF/F."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from clplen.reprs import OneLine
 
 Vector = np.ndarray[Any, Any]
 
-PERCENTILE = 8.0  # Dombeck et al. 2007
-NEUROPIL = 0.7  # Chen et al. 2013
+PERCENTILE = 8.0  # default percentile of F0 (Dombeck et al. 2007)
+NEUROPIL = 0.7  # default share of the ring's light in a region (Chen et al. 2013)
 _COLUMNS = ("region", "frame", "mean", "surround", "baseline", "dff")
 
 
@@ -30,20 +30,20 @@ class Traces(OneLine):
     Attributes
     ----------
     regions : numpy.ndarray
-        int64, shape (n,): their labels.
+        Labels of the regions, int64, shape (n,).
     means : numpy.ndarray
-        float64, shape (n, frames): mean of the voxels of a region.
+        Mean of the voxels of each region, float64, shape (n, frames).
     surround : numpy.ndarray
-        float64, shape (n, frames): median of the ring about it; NaN where there is none.
+        Median of the ring about each region, float64, shape (n, frames); NaN without a ring.
     baseline : numpy.ndarray
-        float64, shape (n, frames): F0.
+        Baseline F0, float64, shape (n, frames).
     dff : numpy.ndarray
-        float64, shape (n, frames): (F - F0)/F0; NaN where F0 is not positive.
+        dF/F = (F - F0)/F0, float64, shape (n, frames); NaN if F0 is not positive.
 
     Raises
     ------
     ShapeError
-        If the arrays do not fit each other.
+        If the shapes of the arrays do not match.
 
     Examples
     --------
@@ -62,35 +62,37 @@ class Traces(OneLine):
     dff: Vector
 
     def __post_init__(self) -> None:
-        shapes = {np.shape(one) for one in (self.means, self.surround, self.baseline, self.dff)}
+        shapes = {np.shape(a) for a in (self.means, self.surround, self.baseline, self.dff)}
         if len(shapes) != 1 or np.shape(self.means)[:1] != np.shape(self.regions):
             raise ShapeError(
-                f"Traces of {len(self.regions)} regions have shape ({len(self.regions)}, frames), "
-                f"not {sorted(shapes)}."
+                f"Traces of {len(self.regions)} regions must have shape ({len(self.regions)}, "
+                f"frames), got {sorted(shapes)}."
             )
 
     def __len__(self) -> int:
         return len(self.regions)
 
     def to_csv(self, path: PathLike) -> None:
-        """Write a row for each region and frame: region, frame, mean, surround, baseline, dff."""
+        """Write a row per region and frame: region, frame, mean, surround, baseline, dff."""
         count, frames = self.means.shape
         numbers = (np.repeat(self.regions, frames), np.tile(np.arange(frames), count))
         values = (self.means, self.surround, self.baseline, self.dff)
-        columns = (*numbers, *(one.ravel() for one in values))
+        columns = (*numbers, *(column.ravel() for column in values))
         write_table(path, dict(zip(_COLUMNS, columns, strict=True)))
 
     @classmethod
     def from_csv(cls, path: PathLike) -> Traces:
-        """Read a table that `to_csv` wrote, its columns in any order."""
+        """Read a table written by `to_csv`, with columns in any order."""
         table = read_table(path, "traces", _COLUMNS)
         ids, frames = (whole_numbers(path, table[name], name) for name in _COLUMNS[:2])
         order = np.lexsort((frames, ids))
         regions = np.unique(ids)
         count = len(ids) // max(len(regions), 1)
-        whole = np.array_equal(ids[order], np.repeat(regions, count))
-        if not (whole and np.array_equal(frames[order], np.tile(np.arange(count), len(regions)))):
-            raise ShapeError(f"{path}: every region has all frames from 0 on once, not this table.")
+        is_complete = np.array_equal(ids[order], np.repeat(regions, count)) and np.array_equal(
+            frames[order], np.tile(np.arange(count), len(regions))
+        )
+        if not is_complete:
+            raise ShapeError(f"{path}: every region must have each frame from 0 on exactly once.")
         means, surround, baseline, dff = (
             table[name][order].reshape(len(regions), count) for name in _COLUMNS[2:]
         )
@@ -109,39 +111,39 @@ def traces(
 ) -> Traces:
     """Measure the brightness of regions over a series, and dF/F.
 
-    F is the mean of a region in each volume; with a ring, less r times the median of the ring (Chen
-    et al. 2013, Nature 499, 295: r = 0.7 for the neuropil about a cell). F0 is a low percentile of
-    F in a window about each frame, cut at both ends of the series (Dombeck et al. 2007, Neuron 56,
-    43: the 8th in +-15 s), and dF/F = (F - F0)/F0. Light that is not the region's, such as an
-    offset of the camera or haze, makes F0 too large and dF/F too small: the ring takes it away.
+    F is the mean of a region in each volume. With a ring, r times the median of the ring is
+    subtracted (Chen et al. 2013, Nature 499, 295: r = 0.7 for the neuropil about a cell). F0 is a
+    low percentile of F in a window about each frame, truncated at the ends of the series (Dombeck
+    et al. 2007, Neuron 56, 43: the 8th in +-15 s), and dF/F = (F - F0)/F0. Background light, such
+    as a camera offset or haze, increases F0 and decreases dF/F; the ring removes it.
 
-    Of a trace of noise alone with standard deviation s the 8th percentile lies 1.41 s below the
-    mean, so that dF/F at rest is 1.41 s/F0, not 0: give ``percentile=50`` where activity is rare.
+    The 8th percentile of pure noise with standard deviation s is 1.41 s below the mean, so that
+    dF/F at rest is 1.41 s/F0 instead of 0. Use ``percentile=50`` if activity is rare.
 
     Parameters
     ----------
     series : iterable of array_like
-        Volumes (planes, y, x) of one shape, one time after the other; an array (t, planes, y, x),
-        or what reads one at a time, such as `clplen.io.open_volumes`.
+        Volumes (planes, y, x) of equal shape in temporal order, an array (t, planes, y, x), or a
+        lazy reader such as `clplen.io.open_volumes`.
     labels : Regions or array_like
-        Whole numbers, shape (planes, y, x): which region a voxel belongs to, 0 for none, as
-        `find_regions` and `sphere_labels` give them.
+        Integers, shape (planes, y, x): number of each voxel's region, 0 for background, such as
+        from `find_regions` or `sphere_labels`.
     window : int
-        Frames of the window of F0.
+        Number of frames of the window of F0.
     percentile : float
-        Of F0, from 0 to 100.
+        Percentile of F0, from 0 to 100.
     ring : tuple of float, optional
-        (inner, outer) distance from the region's voxels in units of the axes; voxels of any region
-        are left out. The median over its voxels counts.
+        Inner and outer distance of the ring from the region's voxels, in units of the axes. Voxels
+        of all regions are excluded from it.
     axes : sequence, optional
         Equidistant coordinates of planes, rows and columns for the ring, or None for 0, 1, ...
     neuropil : float
-        r, from 0 to 1: how much of the light of the ring is also in the region.
+        Share r of the ring's light in the region, from 0 to 1.
 
     Returns
     -------
     Traces
-        Of each region over all frames.
+        Traces of each region over all frames.
 
     Raises
     ------
@@ -157,36 +159,36 @@ def traces(
     >>> cell = np.exp(-((z - 2) ** 2 + (y - 8) ** 2 + (x - 8) ** 2) / 4)
     >>> series = [2 + 10 * cell * (1 + 0.5 * (t in (4, 5))) for t in range(9)]
     >>> labels = clplen.microscopy.find_regions(series[0])
-    >>> found = clplen.microscopy.traces(series, labels, window=9, ring=(3, 5), neuropil=1)
-    >>> found.dff.round(2).tolist()
+    >>> traces = clplen.microscopy.traces(series, labels, window=9, ring=(3, 5), neuropil=1)
+    >>> traces.dff.round(2).tolist()
     [[0.0, 0.0, 0.0, 0.0, 0.5, 0.5, 0.0, 0.0, 0.0]]
     """
     _check(window, percentile, ring, neuropil)
-    numbers = _whole(getattr(labels, "labels", labels))
+    numbers = _integers(getattr(labels, "labels", labels))
     regions = np.unique(numbers[numbers > 0])
     if not len(regions):
-        raise ValueError("There is no region: all labels are 0.")
+        raise ValueError("labels must contain a region, got only 0.")
     inside = [np.flatnonzero(numbers == region) for region in regions]
-    about = [] if ring is None else _rings(numbers, regions, ring, axes)
-    bright, dark = [], []
+    rings = [] if ring is None else _rings(numbers, regions, ring, axes)
+    signals, surrounds = [], []
     for frame, volume in enumerate(series):
         values = host_array(volume, "A volume")
         if values.shape != numbers.shape or values.dtype.kind not in "buif":
             raise ShapeError(
-                f"Volumes have the shape {numbers.shape} of the labels, not {values.dtype} of "
-                f"{values.shape} as in frame {frame}."
+                f"Volumes must be real with the shape {numbers.shape} of the labels, got "
+                f"{values.dtype} of shape {values.shape} in frame {frame}."
             )
         flat = values.reshape(-1)
-        bright.append([float(flat[part].mean(dtype=np.float64)) for part in inside])
-        dark.append([float(np.median(flat[part])) for part in about])
-        if not np.isfinite([*bright[-1], *dark[-1]]).all():
+        signals.append([float(flat[part].mean(dtype=np.float64)) for part in inside])
+        surrounds.append([float(np.median(flat[part])) for part in rings])
+        if not np.isfinite([*signals[-1], *surrounds[-1]]).all():
             raise ValueError(f"A region or ring has samples that are not finite in frame {frame}.")
-    if len(bright) < 2:
-        raise ValueError(f"A trace has at least 2 frames, not {len(bright)}.")
-    means = np.array(bright).T
-    surround = np.array(dark).T if about else np.full(means.shape, np.nan)
+    if len(signals) < 2:
+        raise ValueError(f"A trace needs at least 2 frames, got {len(signals)}.")
+    means = np.array(signals).T
+    surround = np.array(surrounds).T if rings else np.full(means.shape, np.nan)
     light = means
-    if about:
+    if rings:
         light = means - neuropil * surround
     baseline = rolling_percentile(light, window, percentile)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -195,59 +197,62 @@ def traces(
 
 
 def rolling_percentile(values: Vector, window: int, percentile: float) -> Vector:
-    """Percentile in a window about each sample of the last axis, cut at its ends."""
+    """Return the percentile in a window about each sample of the last axis, cut at its ends."""
     frames = values.shape[1]
-    found = np.empty(values.shape)
+    baseline = np.empty(values.shape)
     for k in range(frames):
         part = values[:, max(k - window // 2, 0) : k - window // 2 + window]
-        found[:, k] = np.percentile(part, percentile, axis=1)
-    return found
+        baseline[:, k] = np.percentile(part, percentile, axis=1)
+    return baseline
 
 
 def _check(window: int, percentile: float, ring: Any, neuropil: float) -> None:
     if not (is_integer(window) and window >= 1):
-        raise ValueError(f"A window is a whole number of frames from 1 on, not {window!r}.")
+        raise ValueError(f"window must be an integer from 1 on, got {window!r}.")
     if not (is_finite(percentile) and 0 <= percentile <= 100):
-        raise ValueError(f"A percentile is a number from 0 to 100, not {percentile!r}.")
+        raise ValueError(f"percentile must be a number from 0 to 100, got {percentile!r}.")
     if not (is_finite(neuropil) and 0 <= neuropil <= 1):
-        raise ValueError(f"neuropil is a share from 0 to 1, not {neuropil!r}.")
+        raise ValueError(f"neuropil must be a share from 0 to 1, got {neuropil!r}.")
     if ring is not None and not (
         np.shape(ring) == (2,) and all(map(is_finite, ring)) and 0 <= ring[0] < ring[1]
     ):
-        raise ValueError(f"A ring is (inner, outer) with 0 <= inner < outer, not {ring!r}.")
+        raise ValueError(f"ring must be (inner, outer) with 0 <= inner < outer, got {ring!r}.")
 
 
-def _whole(labels: Any) -> Vector:
-    """Labels as int64, (planes, y, x)."""
+def _integers(labels: Any) -> Vector:
+    """Return labels as int64, (planes, y, x)."""
     values = host_array(labels, "Labels")
     if values.ndim != 3 or values.dtype.kind not in "buif" or not values.size:
-        raise ShapeError(f"Labels have shape (planes, y, x), not {values.dtype} of {values.shape}.")
+        raise ShapeError(
+            f"labels must be real with shape (planes, y, x), got {values.dtype} of shape "
+            f"{values.shape}."
+        )
     if values.dtype.kind == "f" and not (np.isfinite(values) & (values == np.floor(values))).all():
-        raise ValueError("Labels are whole numbers: this volume holds brightness, not regions.")
+        raise ValueError("labels must be integers: this volume contains brightness, not regions.")
     return values.astype(np.int64)
 
 
 def _rings(
     numbers: Vector, regions: Vector, ring: tuple[float, float], axes: Sequence[Any] | None
 ) -> list[Vector]:
-    """Indices of the voxels about each region that belong to none."""
-    places = coordinates_of(axes, numbers.shape)
-    steps = [float(np.abs(np.diff(place)).mean()) if len(place) > 1 else 1.0 for place in places]
+    """Return the flat indices of the background voxels in the ring about each region."""
+    coordinates = coordinates_of(axes, numbers.shape)
+    steps = [float(np.abs(np.diff(x)).mean()) if len(x) > 1 else 1.0 for x in coordinates]
     is_free = numbers == 0
     rings = []
     for region in regions:
-        where = np.nonzero(numbers == region)
+        region_voxels = np.nonzero(numbers == region)
         box = tuple(
             slice(max(int(k.min() - ring[1] / step), 0), int(k.max() + ring[1] / step) + 2)
-            for k, step in zip(where, steps, strict=True)
+            for k, step in zip(region_voxels, steps, strict=True)
         )
-        far = distance_transform_edt(numbers[box] != region, sampling=steps)
-        local = np.nonzero((far > ring[0]) & (far <= ring[1]) & is_free[box])
+        distance = distance_transform_edt(numbers[box] != region, sampling=steps)
+        local = np.nonzero((distance > ring[0]) & (distance <= ring[1]) & is_free[box])
         if not len(local[0]):
             raise ValueError(
                 f"The ring of region {region} from {ring[0]:g} to {ring[1]:g} has no voxel outside "
-                "of regions: give a wider one, in units of the axes."
+                "of regions: give a wider ring, in units of the axes."
             )
-        whole = tuple(k + part.start for k, part in zip(local, box, strict=True))
-        rings.append(np.ravel_multi_index(whole, numbers.shape))
+        indices = tuple(k + part.start for k, part in zip(local, box, strict=True))
+        rings.append(np.ravel_multi_index(indices, numbers.shape))
     return rings

@@ -1,9 +1,9 @@
-"""Points of light, such as beads, in a focal stack or a volume: where they lie between its samples.
+"""Detection of points of light, such as beads, in a focal stack or a volume.
 
-A stack is smoothed to the size of a point, and its background, smoothed over a wider Gaussian in
-each plane, is taken off (difference of Gaussians; Marr and Hildreth 1980). A point is a maximum
-over planes, rows and columns that stands out of the noise of its plane. Its place is that of the
-Gaussian through the maximum and its neighbours along each axis, a parabola of the logarithms.
+A stack is smoothed to the size of a point, and its background, smoothed by a wider Gaussian in each
+plane, is subtracted (difference of Gaussians; Marr and Hildreth 1980). A point is a maximum over
+planes, rows and columns above the noise of its plane. Its position is the centre of the Gaussian
+through the maximum and its neighbours along each axis, a parabola of the logarithms.
 """
 
 from __future__ import annotations
@@ -30,26 +30,26 @@ from clplen.microscopy.objects.csv_tables import (
 
 Vector = np.ndarray[Any, Any]
 
-WIDER = 3.0  # sigma of the background over that of a point
-DEVIATION = 1.4826  # standard deviation of normal noise over its median absolute deviation
+BACKGROUND_RATIO = 3.0  # sigma of the background over sigma of a point
+MAD_TO_SIGMA = 1.4826  # standard deviation of normal noise over its median absolute deviation
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Points:
-    """What `find_points` found, brightest first after smoothing.
+    """Points detected by `find_points`, sorted by decreasing brightness after smoothing.
 
     Attributes
     ----------
     positions : numpy.ndarray
-        float64, shape (n, 3): (plane, y, x) in units of the axes.
+        Positions (plane, y, x) in units of the axes, float64, shape (n, 3).
     peaks : numpy.ndarray
-        float64, shape (n,): height of the brightest sample above the background, in units of the
-        stack.
+        Height of the brightest sample above the background in units of the stack, float64, shape
+        (n,).
     snr : numpy.ndarray
-        float64, shape (n,): height over the noise of its plane, both after smoothing.
+        Height over the noise of its plane, both after smoothing, float64, shape (n,).
     widths : numpy.ndarray
-        float64, shape (n, 3): full width at half height along each axis, in its units, not
-        negative; NaN where the stack ends before.
+        Full width at half maximum along each axis in its units, float64, shape (n, 3); NaN if the
+        stack ends before the half height.
 
     Examples
     --------
@@ -74,7 +74,7 @@ class Points:
     def to_csv(self, path: PathLike, *, unit: Literal["m", "voxel"] = "m") -> None:
         """Write a table: point, z_m, y_m, x_m (or z_voxel, ...), peak, snr, width_z_m, ....
 
-        ``unit`` is that of the positions, for the names of the columns.
+        ``unit`` is the unit of the positions in the names of the columns.
         """
         check_unit(unit)
         names = position_columns(unit)
@@ -84,7 +84,7 @@ class Points:
 
     @classmethod
     def from_csv(cls, path: PathLike) -> Points:
-        """Read a table that `to_csv` wrote, its columns in any order."""
+        """Read a table written by `to_csv`, with columns in any order."""
         positions, _, table = read_positions(
             path, "points", lambda unit: ("peak", "snr", *_width_columns(unit))
         )
@@ -93,7 +93,7 @@ class Points:
 
 
 def _width_columns(unit: str) -> list[str]:
-    """Names of the columns of widths along z, y and x."""
+    """Return the names of the columns of widths along z, y and x."""
     return [f"width_{name}" for name in position_columns(unit)]
 
 
@@ -105,31 +105,32 @@ def find_points(
     snr: float = 6.0,
     distance: tuple[float, float] = (2.0, 3.0),
 ) -> Points:
-    """Find points of light in a stack of planes, with places finer than its samples.
+    """Detect points of light in a stack of planes with subsample precision.
 
     Parameters
     ----------
     stack : FocalStack or array_like
-        Real and finite, shape (planes, y, x): refocused pictures, or a volume. With one plane,
-        points are maxima of that picture.
+        Refocused pictures or a volume, real and finite, shape (planes, y, x). In a single plane,
+        points are maxima of the picture.
     axes : sequence, optional
         Coordinates of planes, rows and columns, each rising or falling, or None for 0, 1, ...;
         default the disparities of a `FocalStack`.
     size : tuple of float
-        (planes, samples of y and x), sigma of the smoothing, at least 0.5 samples: best that of a
-        point, its width at half height over 2.35.
+        Sigma of the smoothing in planes and in samples of y and x (at least 0.5). Best is the sigma
+        of a point, its full width at half maximum over 2.35.
     snr : float
-        Least height over noise. The noise of a plane is 1.4826 times the median absolute deviation
-        of its smoothed samples, which a few points do not change; light out of focus counts as
+        Minimum ratio of height to noise. The noise of a plane is 1.4826 times the median absolute
+        deviation of its smoothed samples, robust to a few points; out-of-focus light counts as
         noise.
     distance : tuple of float
-        (planes, samples of y and x), half axes of the ellipsoid about a point in which no dimmer
-        one is taken.
+        Half axes, in planes and in samples of y and x, of an ellipsoid about each point in which
+        dimmer points are rejected.
 
     Returns
     -------
     Points
-        Without maxima in the first or the last plane, row or column: their places are not known.
+        Detected points. Maxima in the first or last plane, row or column have no precise position
+        and are excluded.
 
     Raises
     ------
@@ -155,17 +156,22 @@ def find_points(
     planes, across = size
     if not (planes >= 0 and across >= 0.5 and snr > 0 and min(distance) > 0):
         raise ValueError(
-            "size is at least 0 planes and 0.5 samples, snr and distance are positive, not "
+            "size must be at least 0 planes and 0.5 samples, snr and distance positive, got "
             f"{size!r}, {snr!r}, {distance!r}."
         )
-    places = coordinates_of(axes, values.shape)
-    raised = _smoothed(values, planes, across) - _smoothed(values, planes, WIDER * across)
+    coordinates = coordinates_of(axes, values.shape)
+    background = _smoothed(values, planes, BACKGROUND_RATIO * across)
+    raised = _smoothed(values, planes, across) - background
     _, noise = level_and_noise(raised, axis=(1, 2))
-    found = _apart(_maxima(raised, snr * noise), distance)
-    positions = [[_top(raised, places, tuple(at), axis) for axis in range(3)] for at in found]
-    above = values - _smoothed(values, 0.0, WIDER * across)
-    widths = [[_width(above, places, tuple(at), axis) for axis in range(3)] for at in found]
-    index = tuple(found.T)
+    peaks = _separated(_maxima(raised, snr * noise), distance)
+    positions = [
+        [_peak(raised, coordinates, tuple(peak), axis) for axis in range(3)] for peak in peaks
+    ]
+    above = values - _smoothed(values, 0.0, BACKGROUND_RATIO * across)
+    widths = [
+        [_width(above, coordinates, tuple(peak), axis) for axis in range(3)] for peak in peaks
+    ]
+    index = tuple(peaks.T)
     return Points(
         np.array(positions, np.float64).reshape(-1, 3),
         above[index],
@@ -175,123 +181,124 @@ def find_points(
 
 
 def match_points(first: Vector, second: Vector, *, tolerance: Sequence[float]) -> Vector:
-    """Match the positions of two lists that are nearest neighbours of each other.
+    """Match positions of two lists that are mutual nearest neighbours.
 
     Parameters
     ----------
     first, second : array_like
         Positions (plane, y, x), shapes (n, 3) and (m, 3).
     tolerance : sequence of float
-        (plane, y, x) in the units of the positions, half axes of the ellipsoid in which the other
-        one lies; they also are the units of distance.
+        Maximum distance (plane, y, x) of a match in units of the positions: half axes of an
+        ellipsoid, which also scale the distances.
 
     Returns
     -------
     numpy.ndarray
-        Pairs of the same point, int, shape (matched, 2): index in the first list, rising, and in
-        the second.
+        Pairs of indices in the first list (rising) and the second list, int, shape (matched, 2).
 
     Examples
     --------
-    >>> found = [(0.0, 5.0, 5.0), (10e-6, 9.0, 1.0), (20e-6, 3.0, 9.0)]
+    >>> detected = [(0.0, 5.0, 5.0), (10e-6, 9.0, 1.0), (20e-6, 3.0, 9.0)]
     >>> expected = [(21e-6, 3.2, 9.0), (0.5e-6, 5.1, 4.8)]
-    >>> clplen.microscopy.match_points(found, expected, tolerance=(2e-6, 0.5, 0.5)).tolist()
+    >>> clplen.microscopy.match_points(detected, expected, tolerance=(2e-6, 0.5, 0.5)).tolist()
     [[0, 1], [2, 0]]
     """
     check_finite(first=first, second=second, tolerance=tolerance)
-    one, other = (
+    a, b = (
         real_array(points, "positions", np.float64).reshape(-1, 3) / tolerance
         for points in (first, second)
     )
-    if not (len(one) and len(other)):
+    if not (len(a) and len(b)):
         return np.empty((0, 2), int)
-    far, there = (np.asarray(found) for found in cKDTree(other).query(one))
-    back = np.asarray(cKDTree(one).query(other)[1])
-    mutual = (back[there] == np.arange(len(one))) & (far <= 1)
-    return np.stack([np.flatnonzero(mutual), there[mutual]], axis=1)
+    distances, nearest = (np.asarray(values) for values in cKDTree(b).query(a))
+    back = np.asarray(cKDTree(a).query(b)[1])
+    mutual = (back[nearest] == np.arange(len(a))) & (distances <= 1)
+    return np.stack([np.flatnonzero(mutual), nearest[mutual]], axis=1)
 
 
 def checked_stack(stack: Any) -> Vector:
-    """Samples (planes, y, x) that are finite, float64."""
+    """Check a stack; return its samples (planes, y, x) as float64."""
     values = host_array(stack, "A stack")
     shape = values.shape
-    few = values.ndim != 3 or shape[0] in (0, 2) or min(shape[1:]) < 3
-    if few or values.dtype.kind not in "buif":
+    is_small = values.ndim != 3 or shape[0] in (0, 2) or min(shape[1:]) < 3
+    if is_small or values.dtype.kind not in "buif":
         raise ShapeError(
-            "Points are found in real samples of shape (planes, y, x), 1 or at least 3 planes of "
-            f"at least 3 x 3, not {values.dtype} of {shape}."
+            "A stack must be real with shape (planes, y, x), 1 or at least 3 planes of at least "
+            f"3 x 3 samples, got {values.dtype} of shape {shape}."
         )
     bad = int(np.count_nonzero(~np.isfinite(values)))
     if bad:
         raise ValueError(
-            f"{bad} samples are NaN or infinite: replace them before looking for points, for "
-            "example by the mean of their neighbours."
+            f"{bad} samples are NaN or infinite: replace them first, for example by the mean of "
+            "their neighbours."
         )
     return values.astype(np.float64)
 
 
 def coordinates_of(axes: Sequence[Any] | None, shape: tuple[int, ...]) -> list[Vector]:
-    """Coordinates of the samples along each axis, float64."""
-    given = (None, None, None) if axes is None else axes
-    if len(given) != 3:
-        raise ShapeError(f"axes are those of planes, y and x, not {len(given)}.")
-    found = []
-    for axis, count in zip(given, shape, strict=True):
-        places = np.arange(count) if axis is None else real_array(axis, "An axis", None)
-        if places.shape != (count,):
-            raise ShapeError(f"An axis of {count} samples has shape {places.shape}.")
-        places = places.astype(np.float64)
-        steps = np.diff(places)
-        if not (np.isfinite(places).all() and ((steps > 0).all() or (steps < 0).all())):
-            raise ValueError(f"Coordinates along an axis rise or fall all the way, not {axis!r}.")
-        found.append(places)
-    return found
+    """Return the coordinates of the samples along each axis, float64."""
+    axes = (None, None, None) if axes is None else axes
+    if len(axes) != 3:
+        raise ShapeError(f"axes must have 3 entries, for planes, y and x, got {len(axes)}.")
+    coordinates = []
+    for axis, count in zip(axes, shape, strict=True):
+        values = np.arange(count) if axis is None else real_array(axis, "An axis", None)
+        if values.shape != (count,):
+            raise ShapeError(
+                f"An axis of {count} samples must have shape ({count},), got {values.shape}."
+            )
+        values = values.astype(np.float64)
+        steps = np.diff(values)
+        if not (np.isfinite(values).all() and ((steps > 0).all() or (steps < 0).all())):
+            raise ValueError(f"Coordinates along an axis must rise or fall, got {axis!r}.")
+        coordinates.append(values)
+    return coordinates
 
 
 def level_and_noise(values: Vector, axis: tuple[int, ...] | None = None) -> tuple[Any, Any]:
-    """Median, and standard deviation of normal noise by the median absolute deviation."""
+    """Return the median, and the standard deviation by the median absolute deviation."""
     level = np.median(values, axis=axis, keepdims=True)
-    noise = DEVIATION * np.median(np.abs(values - level), axis=axis)
+    noise = MAD_TO_SIGMA * np.median(np.abs(values - level), axis=axis)
     return np.squeeze(level, axis), noise
 
 
 def over_noise(heights: Vector, noise: Vector | float) -> Vector:
-    """Heights over the noise, infinite where there is none."""
+    """Divide heights by the noise; infinite without noise."""
     with np.errstate(over="ignore"):
         return np.asarray(heights / np.maximum(noise, np.finfo(np.float64).tiny))
 
 
 def _smoothed(values: Vector, planes: float, across: float) -> Vector:
-    """Smoothed by a Gaussian, the edges repeated."""
+    """Smooth a stack by a Gaussian with repeated edges."""
     return np.asarray(gaussian_filter(values, (planes, across, across), mode="nearest"))
 
 
 def _maxima(raised: Vector, level: Vector) -> Vector:
-    """Indices of the samples not below their neighbours, above the level, brightest first."""
+    """Return the indices of the local maxima above the level, brightest first."""
     highest = maximum_filter(raised, size=3, mode="nearest")
-    is_one = (raised == highest) & (raised > level[:, None, None])
+    is_maximum = (raised == highest) & (raised > level[:, None, None])
     planes = slice(1, -1) if len(raised) > 1 else slice(None)
-    inner = np.zeros_like(is_one)
-    inner[planes, 1:-1, 1:-1] = is_one[planes, 1:-1, 1:-1]
-    found = np.argwhere(inner)
-    return found[np.argsort(-raised[tuple(found.T)], kind="stable")]
+    inner = np.zeros_like(is_maximum)
+    inner[planes, 1:-1, 1:-1] = is_maximum[planes, 1:-1, 1:-1]
+    maxima = np.argwhere(inner)
+    return maxima[np.argsort(-raised[tuple(maxima.T)], kind="stable")]
 
 
-def _apart(found: Vector, distance: tuple[float, float]) -> Vector:
-    """Those of which no brighter one lies within the ellipsoid; brightest first."""
-    if not len(found):
-        return found
-    tree = cKDTree(found / (distance[0], distance[1], distance[1]))
-    kept = np.ones(len(found), bool)
+def _separated(maxima: Vector, distance: tuple[float, float]) -> Vector:
+    """Reject maxima with a brighter maximum within the ellipsoid; keep the order."""
+    if not len(maxima):
+        return maxima
+    tree = cKDTree(maxima / (distance[0], distance[1], distance[1]))
+    is_separate = np.ones(len(maxima), bool)
     for brighter, other in sorted(tree.query_pairs(1.0)):
-        if kept[brighter]:
-            kept[other] = False
-    return found[kept]
+        if is_separate[brighter]:
+            is_separate[other] = False
+    return maxima[is_separate]
 
 
-def _top(raised: Vector, places: list[Vector], at: tuple[int, ...], axis: int) -> float:
-    """Where the Gaussian through a maximum and its neighbours along an axis is highest."""
-    x, line, k = places[axis], _line(raised, at, axis), at[axis]
+def _peak(raised: Vector, coordinates: list[Vector], index: tuple[int, ...], axis: int) -> float:
+    """Return the centre of the Gaussian through a maximum and its neighbours along an axis."""
+    x, line, k = coordinates[axis], _line(raised, index, axis), index[axis]
     if len(x) == 1:
         return float(x[0])
     low, high, best = (max(float(line[i]), 1e-3 * float(line[k])) for i in (k - 1, k + 1, k))
@@ -303,9 +310,9 @@ def _top(raised: Vector, places: list[Vector], at: tuple[int, ...], axis: int) -
     return float((x[k - 1] + x[k]) / 2 + left * step / (left - right))
 
 
-def _width(above: Vector, places: list[Vector], at: tuple[int, ...], axis: int) -> float:
-    """Distance of the places on both sides where a line falls to half, linear between samples."""
-    x, line, k = places[axis], _line(above, at, axis), at[axis]
+def _width(above: Vector, coordinates: list[Vector], index: tuple[int, ...], axis: int) -> float:
+    """Return the full width at half maximum along an axis, linear between samples."""
+    x, line, k = coordinates[axis], _line(above, index, axis), index[axis]
     half, ends = line[k] / 2, []
     if half <= 0:
         return math.nan
@@ -319,6 +326,6 @@ def _width(above: Vector, places: list[Vector], at: tuple[int, ...], axis: int) 
     return float(abs(ends[1] - ends[0]))
 
 
-def _line(values: Vector, at: tuple[int, ...], axis: int) -> Vector:
-    """Samples along an axis through a sample."""
-    return np.asarray(values[tuple(slice(None) if k == axis else i for k, i in enumerate(at))])
+def _line(values: Vector, index: tuple[int, ...], axis: int) -> Vector:
+    """Return the samples along an axis through a sample."""
+    return np.asarray(values[tuple(slice(None) if k == axis else i for k, i in enumerate(index))])

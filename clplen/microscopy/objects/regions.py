@@ -1,9 +1,9 @@
-"""Bright regions of a volume, such as cells: where they lie, how large and how bright they are.
+"""Segmentation of bright regions of a volume, such as cells: position, size and brightness.
 
-The volume is smoothed and cut at a threshold. Each voxel above it belongs to the maximum that
-steepest ascent leads to (the catchment basins of the watershed of the negative volume; Meyer 1994,
-Signal Processing 38, 113). Basins whose saddle is nearly as high as the lower of their maxima are
-one region.
+The volume is smoothed and a threshold is applied. Each voxel above it belongs to the maximum at the
+end of its steepest ascent (the catchment basins of the watershed of the negative volume; Meyer
+1994, Signal Processing 38, 113). Basins are merged if their saddle is nearly as high as the lower
+of their maxima.
 """
 
 from __future__ import annotations
@@ -30,29 +30,29 @@ from clplen.reprs import OneLine
 
 Vector = np.ndarray[Any, Any]
 
-_BINS = 256  # of the histogram of a threshold
-_ROUNDING = 1e-9
+_BINS = 256  # of the histogram for Otsu's threshold
+_ROUNDING = 1e-9  # relative tolerance of distances
 _AROUND = [step for step in itertools.product((-1, 0, 1), repeat=3) if any(step)]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Regions(OneLine):
-    """What `find_regions` found, the largest first.
+    """Regions detected by `find_regions`, sorted by decreasing size.
 
     Attributes
     ----------
     labels : numpy.ndarray
-        int32, shape of the volume: number of the region from 1, 0 between them.
+        Number of each voxel's region from 1, 0 for background, int32, shape of the volume.
     positions : numpy.ndarray
-        float64, shape (n, 3): centroid (z, y, x) of the voxels, in units of the axes.
+        Centroids (z, y, x) in units of the axes, float64, shape (n, 3).
     volumes : numpy.ndarray
-        float64, shape (n,): in units of the axes cubed; voxels without axes.
+        Volumes in cubed units of the axes, or in voxels without axes, float64, shape (n,).
     means, peaks : numpy.ndarray
-        float64, shape (n,): mean and largest sample of the volume as given.
+        Mean and maximum of the unsmoothed samples, float64, shape (n,).
     snr : numpy.ndarray
-        float64, shape (n,): largest smoothed sample above the median, over the noise.
+        Maximum of the smoothed samples above the median, over the noise, float64, shape (n,).
     threshold : float
-        Of the smoothed volume.
+        Threshold of the smoothed volume.
 
     Examples
     --------
@@ -77,7 +77,7 @@ class Regions(OneLine):
     def to_csv(self, path: PathLike, *, unit: Literal["m", "voxel"] = "m") -> None:
         """Write a table: region, z_m, y_m, x_m, volume_m3 (or z_voxel, ...), mean, peak, snr.
 
-        ``unit`` is that of the positions, for the names of the columns.
+        ``unit`` is the unit of the positions in the names of the columns.
         """
         check_unit(unit)
         columns = {"region": np.arange(1, len(self) + 1)}
@@ -94,34 +94,34 @@ def find_regions(
     threshold: float | None = None,
     snr: float = 6.0,
     split: float = 0.9,
-    least: int = 8,
+    min_voxels: int = 8,
 ) -> Regions:
-    """Find bright regions in a volume, and tell those that touch apart.
+    """Segment bright regions of a volume, and separate touching regions.
 
     Parameters
     ----------
     volume : array_like
-        Real and finite, shape (planes, y, x).
+        Volume, real and finite, shape (planes, y, x).
     axes : sequence, optional
         Coordinates of planes, rows and columns, each rising or falling, or None for 0, 1, ...
     size : tuple of float
-        (planes, samples of y and x), sigma of the smoothing: well below that of a region.
+        Sigma of the smoothing in planes and in samples of y and x, well below the size of a region.
     threshold : float, optional
-        Of the smoothed volume. Default: that of Otsu 1979 (IEEE Trans. Syst. Man Cybern. 9, 62;
-        the variance between both parts is largest), but at least ``snr`` times the noise above the
-        median, the noise being 1.4826 times the median absolute deviation.
+        Threshold of the smoothed volume. Default: Otsu's threshold (1979, IEEE Trans. Syst. Man
+        Cybern. 9, 62), which maximizes the variance between the classes, but at least ``snr`` times
+        the noise above the median. The noise is 1.4826 times the median absolute deviation.
     snr : float
-        Of the default threshold.
+        Minimum signal-to-noise ratio of the default threshold.
     split : float
-        Two maxima belong to two regions if the saddle between them is lower than this share of the
-        lower of both, each above the median; 0 splits nothing that touches, 1 splits all maxima.
-    least : int
-        Voxels of a region, at least.
+        Maximum saddle between two regions as a share of the lower maximum, both above the median:
+        0 splits no touching regions, 1 splits all maxima.
+    min_voxels : int
+        Minimum number of voxels of a region.
 
     Returns
     -------
     Regions
-        Numbered from 1 on.
+        Regions, numbered from 1.
 
     Raises
     ------
@@ -145,45 +145,45 @@ def find_regions(
     """
     values = checked_stack(volume)
     planes, across = size
-    if not (planes >= 0 and across >= 0 and snr > 0 and 0 <= split <= 1 and least >= 1):
+    if not (planes >= 0 and across >= 0 and snr > 0 and 0 <= split <= 1 and min_voxels >= 1):
         raise ValueError(
-            "size is not negative, snr positive, split from 0 to 1 and least from 1 on, not "
-            f"{size!r}, {snr!r}, {split!r}, {least!r}."
+            "size must not be negative, snr positive, split from 0 to 1 and min_voxels at least 1, "
+            f"got {size!r}, {snr!r}, {split!r}, {min_voxels!r}."
         )
     if threshold is not None and not np.isfinite(threshold):
-        raise ValueError(f"A threshold is a finite number, not {threshold!r}.")
-    places = coordinates_of(axes, values.shape)
+        raise ValueError(f"threshold must be a finite number, got {threshold!r}.")
+    coordinates = coordinates_of(axes, values.shape)
     smooth = np.asarray(gaussian_filter(values, (planes, across, across), mode="nearest"))
     middle, noise = map(float, level_and_noise(smooth))
     if threshold is None:
         threshold = max(_otsu(smooth), middle + snr * noise)
     labels = _basins(smooth, float(threshold), middle, split)
-    labels = _renumbered(labels, np.bincount(labels.ravel()), least)
-    return _measured(labels, values, smooth - middle, noise, places, float(threshold))
+    labels = _renumbered(labels, np.bincount(labels.ravel()), min_voxels)
+    return _measured(labels, values, smooth - middle, noise, coordinates, float(threshold))
 
 
 def sphere_labels(positions: Any, radius: float, axes: Sequence[Any]) -> Vector:
-    """Label the voxels in spheres about points, each voxel of the nearest one.
+    """Label the voxels in spheres about points, in overlaps by the nearest point.
 
     Parameters
     ----------
     positions : array_like
-        (z, y, x), shape (n, 3), in units of the axes.
+        Centres (z, y, x) of the spheres in units of the axes, shape (n, 3).
     radius : float
-        In the same units, positive.
+        Radius of the spheres in units of the axes, positive.
     axes : sequence
         Coordinates of planes, rows and columns, each rising or falling.
 
     Returns
     -------
     numpy.ndarray
-        int32, shape (planes, rows, columns): number of the point from 1, 0 in no sphere. The voxel
-        nearest to a point inside the volume is always in its sphere.
+        Number of the sphere of each voxel from 1, 0 outside, int32, shape (planes, rows, columns).
+        The voxel nearest to a point inside the volume is always in its sphere.
 
     Raises
     ------
     ShapeError
-        If there are no positions (n, 3), or not three axes.
+        If positions do not have shape (n, 3) with n > 0, or there are not three axes.
     ValueError
         If the radius is not positive, a position not finite, or an axis neither rises nor falls.
 
@@ -197,39 +197,39 @@ def sphere_labels(positions: Any, radius: float, axes: Sequence[Any]) -> Vector:
     """
     centres = real_array(positions, "positions", np.float64)
     if centres.ndim != 2 or centres.shape[1] != 3 or not len(centres):
-        raise ShapeError(f"Positions are (z, y, x) of at least one point, not {centres.shape}.")
+        raise ShapeError(f"positions must have shape (n, 3) with n > 0, got {centres.shape}.")
     if not (np.isfinite(radius) and radius > 0):
-        raise ValueError(f"A radius is positive, not {radius!r}.")
+        raise ValueError(f"radius must be positive and finite, got {radius!r}.")
     if not np.isfinite(centres).all():
         raise ValueError("A position is not finite.")
     shape = tuple(len(np.asarray(axis)) for axis in axes)
-    places = coordinates_of(axes, shape)
+    coordinates = coordinates_of(axes, shape)
     nearest = np.full(shape, np.inf)
     labels = np.zeros(shape, np.int32)
-    reach = radius * (1 + _ROUNDING)  # samples on the surface count
+    reach = radius * (1 + _ROUNDING)  # samples on the surface are inside
     for number, centre in enumerate(centres, 1):
-        off = [np.abs(place - at) for place, at in zip(places, centre, strict=True)]
-        box = np.ix_(*(np.flatnonzero(one <= max(reach, one.min())) for one in off))
-        far = np.sqrt(sum(np.square(one[k]) for one, k in zip(off, box, strict=True)))
-        is_inside = far <= reach
-        at_hand = zip(off, places, strict=True)
-        if all(one.min() <= _half_step(place, int(one.argmin())) for one, place in at_hand):
-            is_inside.flat[far.argmin()] = True
-        is_nearest = is_inside & (far < nearest[box])
-        nearest[box] = np.where(is_nearest, far, nearest[box])
+        offsets = [np.abs(x - c) for x, c in zip(coordinates, centre, strict=True)]
+        box = np.ix_(*(np.flatnonzero(d <= max(reach, d.min())) for d in offsets))
+        distance = np.sqrt(sum(np.square(d[k]) for d, k in zip(offsets, box, strict=True)))
+        is_inside = distance <= reach
+        pairs = zip(offsets, coordinates, strict=True)
+        if all(d.min() <= _half_step(x, int(d.argmin())) for d, x in pairs):
+            is_inside.flat[distance.argmin()] = True
+        is_nearest = is_inside & (distance < nearest[box])
+        nearest[box] = np.where(is_nearest, distance, nearest[box])
         labels[box] = np.where(is_nearest, number, labels[box])
     return labels
 
 
-def _half_step(place: Vector, k: int) -> float:
-    """Half of the wider distance of a sample from its neighbours."""
-    steps = np.abs(np.diff(place))
-    near = steps[max(k - 1, 0) : k + 1]
-    return float(near.max()) / 2 * (1 + _ROUNDING) if len(near) else np.inf
+def _half_step(coordinates: Vector, k: int) -> float:
+    """Return half of the larger distance of a sample to its neighbours."""
+    steps = np.abs(np.diff(coordinates))
+    neighbouring = steps[max(k - 1, 0) : k + 1]
+    return float(neighbouring.max()) / 2 * (1 + _ROUNDING) if len(neighbouring) else np.inf
 
 
 def _otsu(values: Vector) -> float:
-    """The threshold by which the variance between both parts is largest."""
+    """Return the threshold that maximizes the variance between the classes."""
     counts, edges = np.histogram(values, _BINS)
     middles = (edges[1:] + edges[:-1]) / 2
     below = np.cumsum(counts)[:-1]
@@ -241,7 +241,7 @@ def _otsu(values: Vector) -> float:
 
 
 def _basins(smooth: Vector, threshold: float, middle: float, split: float) -> Vector:
-    """Number of the region of each voxel, int32 from 1; 0 below the threshold."""
+    """Return the number of the region of each voxel, int32 from 1; 0 below the threshold."""
     labels = np.zeros(smooth.shape, np.int32)
     padded = np.pad(smooth, 1, constant_values=-np.inf)
     inside = np.flatnonzero(padded > threshold)
@@ -253,16 +253,16 @@ def _basins(smooth: Vector, threshold: float, middle: float, split: float) -> Ve
     index = np.full(flat.shape, -1, np.int64)
     index[inside] = np.arange(len(inside))
     basin = _ascended(flat, inside, around, index)
-    joined = _joined(flat, inside, around, index, basin, middle, split)
-    places = inside // strides[0], inside // strides[1] % padded.shape[1], inside % padded.shape[2]
-    labels[tuple(place - 1 for place in places)] = joined + 1
+    merged = _merged(flat, inside, around, index, basin, middle, split)
+    indices = inside // strides[0], inside // strides[1] % padded.shape[1], inside % padded.shape[2]
+    labels[tuple(k - 1 for k in indices)] = merged + 1
     return labels
 
 
 def _ascended(flat: Vector, inside: Vector, around: list[int], index: Vector) -> Vector:
-    """Which maximum each voxel climbs to, numbered from the highest on.
+    """Return the maximum at the end of each voxel's ascent, numbered from the highest.
 
-    Of voxels as high as each other the one that comes first in memory counts as higher.
+    Ties are broken by the order in memory: the first voxel counts as higher.
     """
     rank = np.empty(len(inside), np.int64)
     order = np.lexsort((-inside, flat[inside]))
@@ -280,7 +280,7 @@ def _ascended(flat: Vector, inside: Vector, around: list[int], index: Vector) ->
     return number[highest]
 
 
-def _joined(
+def _merged(
     flat: Vector,
     inside: Vector,
     around: list[int],
@@ -289,10 +289,9 @@ def _joined(
     middle: float,
     split: float,
 ) -> Vector:
-    """Basins of which the saddle is nearly as high as the lower maximum as one, the highest first.
+    """Merge basins with a saddle nearly as high as the lower maximum, from the highest saddle down.
 
-    The pairs are taken from the highest saddle down, so that each is compared with what lies above
-    it (Edelsbrunner, Letscher and Zomorodian 2002, Discrete Comput. Geom. 28, 511: persistence).
+    See Edelsbrunner, Letscher and Zomorodian 2002, Discrete Comput. Geom. 28, 511 (persistence).
     """
     height = flat[inside]
     tops = np.full(basin.max() + 1, -np.inf)
@@ -300,36 +299,36 @@ def _joined(
     edges, saddles = [], []
     for step in around:
         other = index[inside + step]
-        here = np.flatnonzero((other >= 0) & (basin < basin[other]))
-        edges.append(np.stack([basin[here], basin[other[here]]], axis=1))
-        saddles.append(np.minimum(height[here], height[other[here]]))
+        border = np.flatnonzero((other >= 0) & (basin < basin[other]))
+        edges.append(np.stack([basin[border], basin[other[border]]], axis=1))
+        saddles.append(np.minimum(height[border], height[other[border]]))
     pairs, saddle = np.concatenate(edges), np.concatenate(saddles)
     parent = np.arange(len(tops))
 
-    def root(one: int) -> int:
-        while parent[one] != one:
-            parent[one] = parent[parent[one]]
-            one = int(parent[one])
-        return one
+    def root(node: int) -> int:
+        while parent[node] != node:
+            parent[node] = parent[parent[node]]
+            node = int(parent[node])
+        return node
 
-    pairs, at = np.unique(pairs, axis=0, return_inverse=True)
+    pairs, pair_number = np.unique(pairs, axis=0, return_inverse=True)
     highest = np.full(len(pairs), -np.inf)
-    np.maximum.at(highest, at.reshape(-1), saddle)
+    np.maximum.at(highest, pair_number.reshape(-1), saddle)
     for k in np.argsort(-highest, kind="stable"):
         first, second = sorted((root(int(pairs[k, 0])), root(int(pairs[k, 1]))))
         if first != second and highest[k] - middle >= split * (tops[second] - middle):
             parent[second] = first
-    return np.array([root(one) for one in range(len(tops))])[basin]
+    return np.array([root(node) for node in range(len(tops))])[basin]
 
 
-def _renumbered(labels: Vector, counts: Vector, least: int) -> Vector:
-    """Regions that are large enough, numbered from the largest on."""
-    numbers = np.flatnonzero(counts >= least)
+def _renumbered(labels: Vector, counts: Vector, min_voxels: int) -> Vector:
+    """Remove small regions; number the others by decreasing size."""
+    numbers = np.flatnonzero(counts >= min_voxels)
     numbers = numbers[numbers > 0]
     numbers = numbers[np.argsort(-counts[numbers], kind="stable")]
-    fresh = np.zeros(len(counts), np.int32)
-    fresh[numbers] = np.arange(1, len(numbers) + 1)
-    return fresh[labels]
+    mapping = np.zeros(len(counts), np.int32)
+    mapping[numbers] = np.arange(1, len(numbers) + 1)
+    return mapping[labels]
 
 
 def _measured(
@@ -337,28 +336,28 @@ def _measured(
     values: Vector,
     raised: Vector,
     noise: float,
-    places: list[Vector],
+    coordinates: list[Vector],
     threshold: float,
 ) -> Regions:
-    """What is known of each region."""
-    where = np.nonzero(labels)
-    number = labels[where] - 1
+    """Measure position, size and brightness of each region."""
+    voxels = np.nonzero(labels)
+    number = labels[voxels] - 1
     count = int(labels.max(initial=0))
-    sides = [np.abs(np.gradient(place)) if len(place) > 1 else np.ones(1) for place in places]
-    weights = np.prod([side[k] for side, k in zip(sides, where, strict=True)], axis=0)
+    sides = [np.abs(np.gradient(x)) if len(x) > 1 else np.ones(1) for x in coordinates]
+    weights = np.prod([side[k] for side, k in zip(sides, voxels, strict=True)], axis=0)
     volumes = np.bincount(number, weights, count)
     centres = [
-        np.bincount(number, weights * place[k], count) / volumes
-        for place, k in zip(places, where, strict=True)
+        np.bincount(number, weights * x[k], count) / volumes
+        for x, k in zip(coordinates, voxels, strict=True)
     ]
     peaks, heights = np.full(count, -np.inf), np.full(count, -np.inf)
-    np.maximum.at(peaks, number, values[where])
-    np.maximum.at(heights, number, raised[where])
+    np.maximum.at(peaks, number, values[voxels])
+    np.maximum.at(heights, number, raised[voxels])
     return Regions(
         labels,
         np.stack(centres, axis=1).reshape(-1, 3),
         volumes,
-        np.bincount(number, values[where], count) / np.bincount(number, minlength=count),
+        np.bincount(number, values[voxels], count) / np.bincount(number, minlength=count),
         peaks,
         over_noise(heights, noise),
         threshold,

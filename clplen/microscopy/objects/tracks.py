@@ -23,12 +23,12 @@ from clplen.microscopy.objects.linking import link
 Vector = np.ndarray[Any, Any]
 Motion = Literal["random", "straight"]
 
-_MICRONS = 1e6
-_REMEMBERED = 3  # steps of which a velocity is the mean
+_MICRONS = 1e6  # per metre
+_VELOCITY_STEPS = 3  # number of steps in the mean velocity
 
 
-class Found(Protocol):
-    """What is tracked, of one volume: `Points` or `Regions`."""
+class Detections(Protocol):
+    """Detected objects of a volume: `Points` or `Regions`."""
 
     @property
     def positions(self) -> Vector: ...
@@ -40,27 +40,27 @@ class Found(Protocol):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tracks:
-    """Where points were over time, sorted by track and frame.
+    """Positions of points over time, sorted by track and frame.
 
     Attributes
     ----------
     ids : numpy.ndarray
-        int64, shape (n,): number of the track from 0, in the order of their first frames.
+        Number of the track from 0, in the order of the first frames, int64, shape (n,).
     frames : numpy.ndarray
-        int64, shape (n,): number of the volume from 0; each at most once a track.
+        Number of the volume from 0, at most once per track, int64, shape (n,).
     positions : numpy.ndarray
-        float64, shape (n, 3): (z, y, x).
+        Positions (z, y, x), float64, shape (n, 3).
     peaks, snr : numpy.ndarray
-        float64, shape (n,): of the points, as `Points` has them.
+        Heights and signal-to-noise ratios as in `Points`, float64, shape (n,).
     unit : {"m", "voxel"}
-        Of the positions.
+        Unit of the positions.
 
     Raises
     ------
     ShapeError
-        If the arrays do not fit each other.
+        If the shapes of the arrays do not match.
     ValueError
-        If the unit is another one.
+        If the unit is unknown.
 
     Examples
     --------
@@ -84,11 +84,11 @@ class Tracks:
 
     def __post_init__(self) -> None:
         count = len(self.ids)
-        shapes = [np.shape(one) for one in (self.ids, self.frames, self.peaks, self.snr)]
-        if np.shape(self.positions) != (count, 3) or any(one != (count,) for one in shapes):
+        shapes = [np.shape(a) for a in (self.ids, self.frames, self.peaks, self.snr)]
+        if np.shape(self.positions) != (count, 3) or any(shape != (count,) for shape in shapes):
             raise ShapeError(
-                f"Tracks of {count} points have positions of shape ({count}, 3) and a frame, a "
-                f"peak and an snr each, not shapes {np.shape(self.positions)} and {shapes}."
+                f"Tracks of {count} points must have positions of shape ({count}, 3) and frames, "
+                f"peaks and snr of shape ({count},), got {np.shape(self.positions)} and {shapes}."
             )
         check_unit(self.unit)
 
@@ -100,24 +100,24 @@ class Tracks:
         return f"<Tracks: {len(self)} of {len(self.ids)} points in {last} frames>"
 
     def napari(self) -> Vector:
-        """Return the array that the layer Tracks of napari takes, float64, shape (n, 5).
+        """Return the array for a Tracks layer of napari, float64, shape (n, 5).
 
-        Columns are track, frame, z, y, x; positions in micrometres, or in voxels where the unit is
-        "voxel". An image layer fits them with ``scale`` the size of a voxel in micrometres and
-        ``translate`` (z of plane 0, 0, 0).
+        Columns are track, frame, z, y, x. Positions are in micrometres, or in voxels if the unit is
+        "voxel". To align an image layer, set its ``scale`` to the voxel size in micrometres and its
+        ``translate`` to (z of plane 0, 0, 0).
         """
         scale = _MICRONS if self.unit == "m" else 1.0
         return np.column_stack([self.ids, self.frames, scale * self.positions])
 
     def to_csv(self, path: PathLike) -> None:
         """Write a table: track, frame, z_m, y_m, x_m (or z_voxel, ...), peak, snr."""
-        places = dict(zip(position_columns(self.unit), self.positions.T, strict=True))
-        head = {"track": self.ids, "frame": self.frames}
-        write_table(path, {**head, **places, "peak": self.peaks, "snr": self.snr})
+        positions = dict(zip(position_columns(self.unit), self.positions.T, strict=True))
+        numbers = {"track": self.ids, "frame": self.frames}
+        write_table(path, {**numbers, **positions, "peak": self.peaks, "snr": self.snr})
 
     @classmethod
     def from_csv(cls, path: PathLike) -> Tracks:
-        """Read a table that `to_csv` wrote, its columns in any order."""
+        """Read a table written by `to_csv`, with columns in any order."""
         names = ("track", "frame", "peak", "snr")
         positions, unit, table = read_positions(path, "tracks", lambda _: names)
         ids, frames = (whole_numbers(path, table[name], name) for name in ("track", "frame"))
@@ -131,7 +131,7 @@ class Tracks:
 
 
 def track_points(
-    found: Iterable[Found],
+    points: Iterable[Detections],
     *,
     step: float | Sequence[float],
     gaps: int = 0,
@@ -141,43 +141,42 @@ def track_points(
 ) -> Tracks:
     """Link the points of successive volumes to tracks.
 
-    The points of a frame are assigned to the tracks at once, so that the sum of the squares of all
-    steps is least, where a link that is not made counts as a largest step (Crocker and Grier 1996,
-    J. Colloid Interface Sci. 179, 298). Points that continue no track begin their own; a track
-    ends where it misses more frames than ``gaps``.
+    All points of a frame are assigned together by minimizing the sum of squared steps, with a
+    missing link counted as a largest step (Crocker and Grier 1996, J. Colloid Interface Sci. 179,
+    298). Unlinked points begin new tracks; a track ends after more than ``gaps`` missed frames.
 
     Parameters
     ----------
-    found : iterable of Points or Regions
-        Of each volume in turn, in units of their axes. A generator is taken, so that one volume at
-        a time is in memory.
+    points : iterable of Points or Regions
+        Detections of each volume in temporal order, in units of their axes. Use a generator to keep
+        only a volume at a time in memory.
     step : float or sequence of float
-        Largest step from frame to frame, in units of the positions: one number, or the half axes
-        (z, y, x) of an ellipsoid. After k missed frames sqrt(k + 1) times that: the distance of
-        random motion grows as the square root of time.
+        Largest step between successive frames in units of the positions: a number, or the half axes
+        (z, y, x) of an ellipsoid. After k missed frames it is sqrt(k + 1) times larger, because the
+        distance of random motion grows as the square root of time.
     gaps : int
-        Frames that a track may miss.
+        Maximum number of successive frames that a track may miss.
     motion : {"random", "straight"}
-        Where a point is expected: at its last place, or as far on as the mean of its last three
-        steps leads, for flows and for points that cross. A new track is expected to move as the
-        median of the others.
+        Model of the expected position: the last position, or an extrapolation by the mean of the
+        last three steps, for flows and crossing points. A new track is extrapolated by the median
+        of the other tracks.
     shortest : int
-        Points that a track has at least; shorter ones are left out, and tracks numbered anew.
+        Minimum number of points of a track; shorter tracks are removed before numbering.
     unit : {"m", "voxel"}
-        Of the positions; "m" where axes in metres were given to `find_points`.
+        Unit of the positions; "m" if `find_points` had axes in metres.
 
     Returns
     -------
     Tracks
-        Numbered from 0 on.
+        Tracks, numbered from 0.
 
     Raises
     ------
     TypeError
-        If something in ``found`` has no positions.
+        If an element of ``points`` has no positions.
     ValueError
         If a number is out of range, a position is not finite, there are fewer than two volumes, or
-        the step is so long that thousands of points could be exchanged.
+        the step is so large that thousands of points could be exchanged.
 
     Examples
     --------
@@ -196,58 +195,58 @@ def track_points(
     check_unit(unit)
     linker = _Linker(half_axes, gaps, motion)
     rows, frame = [], -1
-    for frame, each in enumerate(found):
-        positions = _positions(each, frame)
-        ids = linker.take(positions / half_axes)
-        rows.append((ids, np.full(len(ids), frame), positions, each.peaks, each.snr))
+    for frame, detections in enumerate(points):
+        positions = _positions(detections, frame)
+        ids = linker.add(positions / half_axes)
+        rows.append((ids, np.full(len(ids), frame), positions, detections.peaks, detections.snr))
     if frame < 1:
         raise ValueError(
-            f"Tracks run over at least 2 volumes, not {frame + 1}: give those of a series."
+            f"Tracks need at least 2 volumes, got {frame + 1}: give the points of a series."
         )
     ids, frames, positions, peaks, snr = (np.concatenate(part) for part in zip(*rows, strict=True))
     counts = np.bincount(ids, minlength=1)
-    kept = np.flatnonzero(counts[ids] >= shortest)
-    kept = kept[np.lexsort((frames[kept], ids[kept]))]
-    numbers = np.unique(ids[kept], return_inverse=True)[1].astype(np.int64).reshape(-1)
+    order = np.flatnonzero(counts[ids] >= shortest)
+    order = order[np.lexsort((frames[order], ids[order]))]
+    numbers = np.unique(ids[order], return_inverse=True)[1].astype(np.int64).reshape(-1)
     return Tracks(
         numbers,
-        frames[kept].astype(np.int64),
-        positions[kept],
-        peaks[kept].astype(np.float64),
-        snr[kept].astype(np.float64),
+        frames[order].astype(np.int64),
+        positions[order],
+        peaks[order].astype(np.float64),
+        snr[order].astype(np.float64),
         unit,
     )
 
 
 def _checked(step: Any, gaps: int, motion: str, shortest: int) -> Vector:
-    """The half axes (z, y, x) of the largest step."""
+    """Check the options; return the half axes (z, y, x) of the largest step."""
     half_axes = float64_array(step)
     if half_axes.shape not in ((), (3,)) or not (np.isfinite(half_axes) & (half_axes > 0)).all():
-        raise ValueError(f"A step is one positive number or three (z, y, x), not {step!r}.")
+        raise ValueError(f"step must be a positive number or three (z, y, x), got {step!r}.")
     if not (is_integer(gaps) and gaps >= 0):
-        raise ValueError(f"gaps is a whole number of frames from 0 on, not {gaps!r}.")
+        raise ValueError(f"gaps must be an integer from 0 on, got {gaps!r}.")
     if motion not in ("random", "straight"):
-        raise ValueError(f'A motion is "random" or "straight", not {motion!r}.')
+        raise ValueError(f'motion must be "random" or "straight", got {motion!r}.')
     if not (is_integer(shortest) and shortest >= 1):
-        raise ValueError(f"shortest is a whole number of points from 1 on, not {shortest!r}.")
+        raise ValueError(f"shortest must be an integer from 1 on, got {shortest!r}.")
     return np.broadcast_to(half_axes, (3,))
 
 
-def _positions(found: Any, frame: int) -> Vector:
-    """Of one volume, (n, 3), finite."""
-    if not hasattr(found, "positions"):
+def _positions(detections: Any, frame: int) -> Vector:
+    """Return the positions of the detections in a volume, shape (n, 3); require finite values."""
+    if not hasattr(detections, "positions"):
         raise TypeError(
-            f"Tracks link what find_points or find_regions gives of each volume, not a "
-            f"{type(found).__name__} as in frame {frame}."
+            f"points must contain results of find_points or find_regions, got "
+            f"{type(detections).__name__} in frame {frame}."
         )
-    positions = np.asarray(found.positions, np.float64).reshape(-1, 3)
+    positions = np.asarray(detections.positions, np.float64).reshape(-1, 3)
     if not np.isfinite(positions).all():
         raise ValueError(f"A point of frame {frame} has a position that is not finite.")
     return positions
 
 
 class _Linker:
-    """The tracks that may go on, in units of the largest step."""
+    """Active tracks of the linking, in units of the largest step."""
 
     def __init__(self, half_axes: Vector, gaps: int, motion: str) -> None:
         self.gaps = gaps
@@ -256,38 +255,38 @@ class _Linker:
         self.ids = np.empty(0, np.int64)
         self.last = np.empty((0, 3))
         self.missed = np.empty(0, np.int64)
-        self.steps = np.empty((0, _REMEMBERED, 3))  # the newest first; NaN where there is none
+        self.steps = np.empty((0, _VELOCITY_STEPS, 3))  # the newest first; NaN before the track
 
-    def take(self, found: Vector) -> Vector:
-        """Add a frame; the track of each of its positions."""
-        passed = self.missed + 1
-        expected = self.last + passed[:, None] * self._velocity()
-        pairs = link(expected, np.sqrt(passed), found)
-        ids = np.full(len(found), -1, np.int64)
+    def add(self, positions: Vector) -> Vector:
+        """Link the positions of a frame; return the track of each position."""
+        elapsed = self.missed + 1
+        expected = self.last + elapsed[:, None] * self._velocity()
+        pairs = link(expected, np.sqrt(elapsed), positions)
+        ids = np.full(len(positions), -1, np.int64)
         ids[pairs[:, 1]] = self.ids[pairs[:, 0]]
-        steps = np.full((len(found), _REMEMBERED, 3), np.nan)
-        moved = found[pairs[:, 1]] - self.last[pairs[:, 0]]
-        steps[pairs[:, 1], 0] = moved / passed[pairs[:, 0], None]
+        steps = np.full((len(positions), _VELOCITY_STEPS, 3), np.nan)
+        displacements = positions[pairs[:, 1]] - self.last[pairs[:, 0]]
+        steps[pairs[:, 1], 0] = displacements / elapsed[pairs[:, 0], None]
         steps[pairs[:, 1], 1:] = self.steps[pairs[:, 0], :-1]
         new = ids < 0
         ids[new] = self.count + np.arange(np.count_nonzero(new))
         self.count += int(np.count_nonzero(new))
-        alone = np.ones(len(self.ids), bool)
-        alone[pairs[:, 0]] = False
-        alone &= passed <= self.gaps
-        self.ids = np.concatenate([ids, self.ids[alone]])
-        self.last = np.concatenate([found, self.last[alone]])
-        self.missed = np.concatenate([np.zeros(len(found), np.int64), passed[alone]])
-        self.steps = np.concatenate([steps, self.steps[alone]])
+        waiting = np.ones(len(self.ids), bool)
+        waiting[pairs[:, 0]] = False
+        waiting &= elapsed <= self.gaps
+        self.ids = np.concatenate([ids, self.ids[waiting]])
+        self.last = np.concatenate([positions, self.last[waiting]])
+        self.missed = np.concatenate([np.zeros(len(positions), np.int64), elapsed[waiting]])
+        self.steps = np.concatenate([steps, self.steps[waiting]])
         return ids
 
     def _velocity(self) -> Vector:
-        """Of each track a frame; that of a new one is the median of the others."""
+        """Return the velocity of each track per frame; new tracks get the median of the others."""
         if not (self.is_straight and len(self.ids)):
             return np.zeros_like(self.last)
-        known = np.isfinite(self.steps[:, 0, 0])
+        has_steps = np.isfinite(self.steps[:, 0, 0])
         velocity = np.zeros_like(self.last)
-        if known.any():
-            velocity[known] = np.nanmean(self.steps[known], axis=1)
-            velocity[~known] = np.median(velocity[known], axis=0)
+        if has_steps.any():
+            velocity[has_steps] = np.nanmean(self.steps[has_steps], axis=1)
+            velocity[~has_steps] = np.median(velocity[has_steps], axis=0)
         return velocity

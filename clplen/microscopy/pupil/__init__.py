@@ -1,1 +1,1 @@
-"""The pupil of a microscope: what frames tell of its aberrations, its NA and its apodisation."""
+"""Pupil of a microscope: estimates of aberrations, NA and apodisation from frames."""

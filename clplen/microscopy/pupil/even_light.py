@@ -1,15 +1,15 @@
-"""What a lenslet of a microscope sees of even fluorescence: the image of the pupil.
+"""Image of uniform fluorescence behind a lenslet of a microscope: the image of the pupil.
 
-Even incoherent light is the same on every plane: defocus is a phase of the pupil, and drops out of
-its mutual intensity. So it is a sum of plane waves on the array, each with the pupil's weight
-cos^(2e); behind a periodic array each stays periodic but for a phase that its intensity does not
-have (Bloch), and one cell of the array is all that must be propagated:
+Uniform incoherent light is equal on every plane: defocus is a phase of the pupil and cancels in the
+mutual intensity. The light is a sum of plane waves on the array, weighted by cos^(2e) of the pupil.
+Behind a periodic array each wave is periodic up to a phase (Bloch), so that propagating a single
+cell is enough:
 
     E(u) = int |P(f)|^2 |t A_f|^2(u) df,   A_f = exp(2 pi i f_mu sqrt(1/lam^2 - (g + f)^2))
 
 with the transmission t of a lenslet, frequencies g of the cell and the angular spectrum A_f over
-the focal length f_mu. Independent of planes and voxels, it is what point images of an even volume
-add up to where both are fine enough.
+the focal length f_mu. The point images of a uniform volume converge to this image for fine planes
+and voxels.
 """
 
 from __future__ import annotations
@@ -32,26 +32,26 @@ NEEDED = (
     "magnification", "na", "medium_index", "wavelength", "apodisation", "lenslet_pitch",
     "lenslet_focal_length", "lenslet_diameter", "lenslet_fill", "binning",
 )  # fmt: skip
-LARGER = 1.15  # times the stated NA, up to which others can be asked for
-FINEST = 5  # plane waves between two of the array's orders: right to 7e-4 (3: to 4e-3)
-SAMPLES = 2e7  # of all cells together, for which there is memory and time
-PARTS = 8  # of a step of frequencies along an axis, for the rim of the pupil
+MAX_NA_RATIO = 1.15  # largest supported NA over the nominal NA
+MAX_DENSITY = 5  # plane waves between orders of the array: errors of 7e-4 (4e-3 with 3)
+MAX_SAMPLES = 2e7  # of all cells together, for memory and time
+SUBSAMPLES = 8  # per frequency step along an axis, at the rim of the pupil
 
 
 class EvenLight:
-    """Cells of even light behind an array, of any NA and apodisation.
+    """Cells of uniform light behind an array, for any NA and apodisation.
 
     Parameters
     ----------
-    about : dict
-        `PointImages.parameters`, in metres.
+    parameters : dict
+        Parameters of the microscope, `PointImages.parameters`, in metres.
 
     Attributes
     ----------
     samples : int
-        Of a cell along an axis, enough for its finest detail.
+        Number of samples of a cell along an axis, which resolve its finest detail.
     largest : float
-        NA up to which cells can be asked for.
+        Largest supported NA.
 
     Raises
     ------
@@ -59,52 +59,56 @@ class EvenLight:
         If a parameter is missing.
     """
 
-    def __init__(self, about: dict[str, Any]) -> None:
-        missing = [name for name in NEEDED if name not in about]
+    def __init__(self, parameters: dict[str, Any]) -> None:
+        missing = [name for name in NEEDED if name not in parameters]
         if missing:
-            raise ValueError(f"Even light needs {missing[0]} among the parameters of the images.")
-        check_finite(**{name: one for name, one in about.items() if isinstance(one, Real)})
-        self._about = about
-        self.largest = min(LARGER * about["na"], 0.999 * about["medium_index"])
-        pitch, lam = about["lenslet_pitch"], about["wavelength"]
-        slope = self.largest / about["magnification"]
-        slope += about["lenslet_diameter"] / (2 * about["lenslet_focal_length"])
+            raise ValueError(f"The parameters of the images must contain {missing[0]}.")
+        check_finite(
+            **{name: value for name, value in parameters.items() if isinstance(value, Real)}
+        )
+        self._parameters = parameters
+        self.largest = min(MAX_NA_RATIO * parameters["na"], 0.999 * parameters["medium_index"])
+        pitch, lam = parameters["lenslet_pitch"], parameters["wavelength"]
+        slope = self.largest / parameters["magnification"]
+        slope += parameters["lenslet_diameter"] / (2 * parameters["lenslet_focal_length"])
         self.samples = smooth_length(math.ceil(4 * slope * pitch / lam))
-        cutoff = self.largest / (about["magnification"] * lam)
+        cutoff = self.largest / (parameters["magnification"] * lam)
         density = self._density(cutoff * pitch)
         self._step = 1 / (density * pitch)
         k = np.arange(math.ceil(cutoff / self._step) + 1) * self._step
-        fy, fx = (one.ravel() for one in np.meshgrid(k, k, indexing="ij"))
-        near = np.hypot(fy, fx) <= cutoff + self._step
-        self._fy, self._fx = fy[near], fx[near]
-        self._cells = np.stack([self._behind(*f) for f in zip(self._fy, self._fx, strict=True)])
+        fy, fx = (f.ravel() for f in np.meshgrid(k, k, indexing="ij"))
+        is_inside = np.hypot(fy, fx) <= cutoff + self._step
+        self._fy, self._fx = fy[is_inside], fx[is_inside]
+        self._cells = np.stack(
+            [self._cell_intensity(*f) for f in zip(self._fy, self._fx, strict=True)]
+        )
 
     def __repr__(self) -> str:
-        about = self._about
+        parameters = self._parameters
         return (
-            f"<EvenLight {about['magnification']:g}x, up to NA {self.largest:.3g}, "
+            f"<EvenLight {parameters['magnification']:g}x, up to NA {self.largest:.3g}, "
             f"{self.samples} x {self.samples} samples a cell>"
         )
 
     def _density(self, orders: float) -> int:
-        """Plane waves between two orders of the array, an odd number."""
-        for density in range(FINEST, 1, -2):
-            if np.pi / 4 * (orders * density) ** 2 * self.samples**2 <= SAMPLES:
+        """Return the number of plane waves between two orders of the array, odd."""
+        for density in range(MAX_DENSITY, 1, -2):
+            if np.pi / 4 * (orders * density) ** 2 * self.samples**2 <= MAX_SAMPLES:
                 return density
         return 1
 
-    def _behind(self, fy: float, fx: float) -> Vector:
-        """Intensity of a plane wave on one cell of the sensor, float32."""
-        about, n = self._about, self.samples
-        lam, focal = about["wavelength"], about["lenslet_focal_length"]
-        step = about["lenslet_pitch"] / n
+    def _cell_intensity(self, fy: float, fx: float) -> Vector:
+        """Return the intensity of a plane wave on a cell of the sensor, float32."""
+        parameters, n = self._parameters, self.samples
+        lam, focal = parameters["wavelength"], parameters["lenslet_focal_length"]
+        step = parameters["lenslet_pitch"] / n
         x = (np.arange(n) - (n - 1) / 2) * step
         r2 = x[:, None] ** 2 + x**2
         lens = np.exp(-1j * np.pi * r2 / (lam * focal))
-        half = about["lenslet_diameter"] / 2
-        if about["lenslet_fill"] == "circular":
+        half = parameters["lenslet_diameter"] / 2
+        if parameters["lenslet_fill"] == "circular":
             lens = lens * (r2 <= half**2)
-        elif half < about["lenslet_pitch"] / 2:
+        elif half < parameters["lenslet_pitch"] / 2:
             lens = lens * (abs(x[:, None]) <= half) * (abs(x) <= half)
         g = fft.fftfreq(n, step)
         square = np.maximum(1 / lam**2 - ((g + fy) ** 2)[:, None] - (g + fx) ** 2, 0)
@@ -112,30 +116,30 @@ class EvenLight:
         return (abs(field) ** 2).astype(np.float32)
 
     def cell(self, na: float, apodisation: float) -> Vector:
-        """Return even light behind a lenslet, float64, shape (samples, samples), mean 1.
+        """Return uniform light behind a lenslet, float64, shape (samples, samples), mean 1.
 
-        ``na`` is that of the pupil, up to ``largest``; ``apodisation`` is e of the amplitude
-        cos(theta)^e. Raise ValueError for another NA.
+        ``na`` is the NA of the pupil, up to ``largest``; raise ValueError for a larger NA.
+        ``apodisation`` is e of the amplitude cos(theta)^e.
         """
         if not 0 < na <= self.largest:
-            raise ValueError(f"The NA lies between 0 and {self.largest:.4g} here, not {na!r}.")
+            raise ValueError(f"na must be between 0 and {self.largest:.4g}, got {na!r}.")
         check_finite(apodisation=apodisation)
-        about = self._about
-        part = ((np.arange(PARTS) + 0.5) / PARTS - 0.5) * self._step
+        parameters = self._parameters
+        part = ((np.arange(SUBSAMPLES) + 0.5) / SUBSAMPLES - 0.5) * self._step
         fy, fx = self._fy[:, None, None] + part[:, None], self._fx[:, None, None] + part
-        sine2 = (fy**2 + fx**2) * (about["magnification"] * about["wavelength"]) ** 2
-        cosine2 = np.maximum(1 - sine2 / about["medium_index"] ** 2, 1e-9)
+        sine2 = (fy**2 + fx**2) * (parameters["magnification"] * parameters["wavelength"]) ** 2
+        cosine2 = np.maximum(1 - sine2 / parameters["medium_index"] ** 2, 1e-9)
         weight = ((sine2 <= na**2) * cosine2**apodisation).mean(axis=(1, 2))
-        weight = weight * (1 + (self._fy > 0)) * (1 + (self._fx > 0))  # and their mirror images
-        found = np.tensordot(weight, self._cells, 1)
-        found = found + found[::-1]
-        found = found + found[:, ::-1]
-        return np.asarray(found / found.mean())
+        weight = weight * (1 + (self._fy > 0)) * (1 + (self._fx > 0))  # with mirror images
+        cell = np.tensordot(weight, self._cells, 1)
+        cell = cell + cell[::-1]
+        cell = cell + cell[:, ::-1]
+        return np.asarray(cell / cell.mean())
 
     def frame(self, lattice: Lattice, na: float, apodisation: float, binning: int = 1) -> Vector:
-        """Return a raw white frame on a square lattice with a shape, float64, about 1 in the mean.
+        """Return a raw white frame on a square lattice with a shape, float64, mean about 1.
 
-        ``binning`` is the number of points of a pixel along an axis, whose mean it takes.
+        A pixel is the mean of ``binning`` points along each axis.
         """
         n, mean = self.samples, []
         for pitch in lattice.pitch[::-1]:
@@ -144,9 +148,9 @@ class EvenLight:
             mean.append(np.cos(2 * np.pi * np.multiply.outer(cycles, points)).mean(axis=1))
         smooth = fft.ifft2(fft.fft2(self.cell(na, apodisation)) * np.multiply.outer(*mean)).real
         if lattice.shape is None:
-            raise ValueError("The lattice does not tell the shape of its frame: give it.")
+            raise ValueError("The lattice has no frame shape: give its shape.")
         to_cells = np.linalg.inv(np.array([lattice.row, lattice.column]).T)
-        away = np.indices(lattice.shape, float) - np.array(lattice.origin)[:, None, None]
-        places = np.tensordot(to_cells, away, 1)
-        samples = (places - np.round(places)) * n + (n - 1) / 2
+        offsets = np.indices(lattice.shape, float) - np.array(lattice.origin)[:, None, None]
+        lenslets = np.tensordot(to_cells, offsets, 1)
+        samples = (lenslets - np.round(lenslets)) * n + (n - 1) / 2
         return np.asarray(map_coordinates(smooth, samples, order=3, mode="grid-wrap"))

@@ -1,8 +1,8 @@
-"""The pupil of the point images beside that of the white frame.
+"""Comparison of the pupil of the point images with a white frame.
 
-The mean lenslet of a white frame is the image of the pupil. Here it is compared with `EvenLight` of
-the stated parameters, put on the raw pixels of the lattice and rectified as the frame was; and an
-NA and an apodisation are fitted to it.
+The mean lenslet of a white frame is the image of the pupil. It is compared with `EvenLight` of the
+nominal parameters, sampled on the raw pixels of the lattice and rectified like the frame. An NA and
+an apodisation are then fitted to it.
 """
 
 from __future__ import annotations
@@ -24,40 +24,40 @@ from clplen.reprs import OneLine
 
 Vector = np.ndarray[Any, Any]
 
-LENSLETS = 12  # along an axis, on which the pupil is rectified: all fractions of a pixel
-MODEL = 0.015  # of the white frame's norm: from here on a misfit is one of the pupil
-SURE = 4  # times the noise of the mean lenslet
-SMALLEST = 0.7  # of the stated NA, down to which it is fitted
-APODISATIONS = (-1.0, 2.0)
-MOST = 4.0  # times the model, beyond which no pixel is taken to be more sensitive
-DARK = 0.03  # of the brightest pixel of the model: below it the frame says nothing of the pupil
+LENSLETS = 12  # along an axis of the rectified model, to average over pixel fractions
+MODEL_ERROR = 0.015  # over the norm of the white frame; larger misfits are errors of the pupil
+NOISE_SIGMAS = 4  # of the mean lenslet
+MIN_NA_RATIO = 0.7  # smallest fitted NA over the nominal NA
+APODISATIONS = (-1.0, 2.0)  # bounds of the fit
+MAX_CORRECTION = 4.0  # largest corrected sensitivity over the mean of the lenslets
+MIN_MODEL_LEVEL = 0.03  # over the brightest pixel of the model; below it nothing is corrected
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PupilCheck(OneLine):
-    """How the modelled pupil fits a white frame. Made by `check_pupil`.
+    """Comparison of the modelled pupil with a white frame. Made by `check_pupil`.
 
-    Misfits are norms of the difference of two mean lenslets over that of the white frame's, after
-    the best scale and shift.
+    A misfit is the norm of the difference of two mean lenslets after the best scale and shift, over
+    the norm of the white frame's mean lenslet.
 
     Attributes
     ----------
     misfit : float
-        With the NA and the apodisation of the point images.
+        Misfit with the NA and apodisation of the point images.
     noise : float
-        Of the white frame's mean lenslet, by the scatter of single ones.
+        Noise of the mean lenslet of the white frame, from the scatter of the lenslets.
     na, apodisation : float
-        That fit best; those of the point images where these fit.
+        Fitted NA and apodisation; those of the point images if these fit.
     left : float
-        Misfit with these.
+        Misfit with the fitted NA and apodisation.
     model, white : numpy.ndarray
-        float64, shape (n, n), mean 1: even light as it should be, and the mean lenslet.
+        Modelled uniform light and mean lenslet of the white frame, float64, shape (n, n), mean 1.
 
     Examples
     --------
     >>> white = np.ones((6, 6))
-    >>> found = clplen.microscopy.PupilCheck(0.1, 0.001, 0.475, 0.5, 0.004, white, white)
-    >>> found.fits, found.sentence()
+    >>> check = clplen.microscopy.PupilCheck(0.1, 0.001, 0.475, 0.5, 0.004, white, white)
+    >>> check.fits, check.sentence()
     (False, 'model pupil against white frame: 10 %; NA 0.475 and apodisation 0.5 leave 0.4 %')
     """
 
@@ -75,16 +75,16 @@ class PupilCheck(OneLine):
 
     @property
     def fits(self) -> bool:
-        """Whether the misfit is no more than noise and the model's own accuracy explain."""
-        return self.misfit <= math.hypot(MODEL, SURE * self.noise)
+        """Flag that noise and the accuracy of the model explain the misfit."""
+        return self.misfit <= math.hypot(MODEL_ERROR, NOISE_SIGMAS * self.noise)
 
     @property
     def share(self) -> float:
-        """The part of a residual that the misfit may leave: its square, 0 where the pupil fits."""
+        """Possible contribution of the misfit to a residual: its square, 0 if the pupil fits."""
         return 0.0 if self.fits else self.misfit**2
 
     def sentence(self) -> str:
-        """The misfit in words, and what would fit better where that is needed."""
+        """Describe the misfit, and the fitted parameters if the pupil does not fit."""
         text = f"model pupil against white frame: {100 * self.misfit:.2g} %"
         if self.fits:
             return text
@@ -95,26 +95,26 @@ class PupilCheck(OneLine):
 
 
 def check_pupil(images: PointImages, prepare: Preparation) -> PupilCheck | None:
-    """Compare the pupil of point images with a white frame, and fit one to it.
+    """Compare the pupil of point images with a white frame; fit NA and apodisation.
 
     Parameters
     ----------
     images : PointImages
-        Of the microscope.
+        Point images of the microscope.
     prepare : Preparation
-        Of the white frame, with as many pixels a lenslet as the images have.
+        Preparation with the white frame, and as many pixels per lenslet as the images.
 
     Returns
     -------
     PupilCheck or None
-        None where there is no white frame, or the images do not tell their optics.
+        Comparison; None without a white frame, or if the images lack parameters of the optics.
 
     Raises
     ------
     TypeError
-        If the images or the preparation are none.
+        If the images or the preparation have another type.
     ValueError
-        If they have different numbers of pixels a lenslet.
+        If their numbers of pixels per lenslet differ.
 
     Examples
     --------
@@ -127,8 +127,8 @@ def check_pupil(images: PointImages, prepare: Preparation) -> PupilCheck | None:
     >>> light = EvenLight(images.parameters)
     >>> white = 1e4 * light.frame(lattice, 0.19, 0.5)  # a smaller pupil
     >>> prepare = clplen.microscopy.preparation(11, white=white)
-    >>> found = clplen.microscopy.check_pupil(images, prepare)
-    >>> found.fits, f"{found.na:.3f}"
+    >>> check = clplen.microscopy.check_pupil(images, prepare)
+    >>> check.fits, f"{check.na:.3f}"
     (False, '0.190')
     """
     require(PointImages, images, "images", "point_images")
@@ -139,43 +139,43 @@ def check_pupil(images: PointImages, prepare: Preparation) -> PupilCheck | None:
         return None
     if prepare.pixels != images.pixels:
         raise ValueError(
-            f"The point images have {images.pixels} pixels a lenslet, the preparation "
+            f"prepare must have {images.pixels} pixels per lenslet, as the point images, got "
             f"{prepare.pixels}: give preparation(images.pixels, ...)."
         )
     white, noise = mean_lenslet(prepare.level, prepare.pixels)
     light, binning = EvenLight(images.parameters), int(images.parameters["binning"])
-    small = _part(prepare.lattice)
+    small = _small_lattice(prepare.lattice)
 
-    def seen(na: float, apodisation: float) -> Vector:
+    def modelled(na: float, apodisation: float) -> Vector:
         raw = light.frame(small, na, apodisation, binning)
         rectified = rectify(raw, small, device=prepare.device, pixels=prepare.pixels)
         return mean_lenslet(rectified, prepare.pixels)[0]
 
-    stated = float(images.parameters["na"]), float(images.parameters["apodisation"])
-    model = seen(*stated)
-    misfit = float(np.linalg.norm(_left(white, model)))
-    found = PupilCheck(misfit, noise, *stated, misfit, model, white)
-    if found.fits:
-        return found
-    na, apodisation, left = _fitted(seen, white, stated, light.largest)
-    return replace(found, na=na, apodisation=apodisation, left=left)
+    nominal = float(images.parameters["na"]), float(images.parameters["apodisation"])
+    model = modelled(*nominal)
+    misfit = float(np.linalg.norm(_residuals(white, model)))
+    check = PupilCheck(misfit, noise, *nominal, misfit, model, white)
+    if check.fits:
+        return check
+    na, apodisation, left = _fitted(modelled, white, nominal, light.largest)
+    return replace(check, na=na, apodisation=apodisation, left=left)
 
 
 def corrected(prepare: Preparation, check: PupilCheck) -> Preparation:
-    """A preparation whose sensitivity holds what the modelled pupil lacks.
+    """Correct the pixel sensitivity of a preparation for errors of the modelled pupil.
 
     Parameters
     ----------
     prepare : Preparation
-        Of the white frame.
+        Preparation with the white frame.
     check : PupilCheck
-        Of it.
+        Comparison of the pupil with the white frame.
 
     Returns
     -------
     Preparation
-        Its sensitivity is the white frame over even light of the model, at most four times that of
-        the lenslets' mean, and left as it was where the model is dark.
+        Preparation whose sensitivity is the white frame over the modelled uniform light, at most
+        four times the uncorrected sensitivity, and unchanged where the model is dark.
 
     Examples
     --------
@@ -190,27 +190,27 @@ def corrected(prepare: Preparation, check: PupilCheck) -> Preparation:
     if prepare.sensitivity is None:
         return prepare
     model, n = check.model, prepare.pixels
-    ratio = np.minimum(check.white / np.maximum(model, 1e-12), MOST)
-    ratio = np.where(model > DARK * model.max(), ratio, 1)
+    ratio = np.minimum(check.white / np.maximum(model, 1e-12), MAX_CORRECTION)
+    ratio = np.where(model > MIN_MODEL_LEVEL * model.max(), ratio, 1)
     rows, columns = (size // n for size in prepare.sensitivity.shape)
-    found = prepare.sensitivity * np.tile(ratio, (rows, columns)).astype(np.float32)
-    return replace(prepare, sensitivity=found)
+    sensitivity = prepare.sensitivity * np.tile(ratio, (rows, columns)).astype(np.float32)
+    return replace(prepare, sensitivity=sensitivity)
 
 
 def mean_lenslet(level: Vector, n: int) -> tuple[Vector, float]:
-    """The mean of all lenslets, each over its own light, and its noise."""
+    """Return the mean of all normalized lenslets, and its noise."""
     cells = level.reshape(level.shape[0] // n, n, level.shape[1] // n, n).astype(np.float64)
     cells = cells.transpose(0, 2, 1, 3).reshape(-1, n, n)
-    whole = cells[(cells > 0).all(axis=(1, 2))]
-    cells = whole if len(whole) > 1 else cells[cells.sum(axis=(1, 2)) > 0]
+    complete = cells[(cells > 0).all(axis=(1, 2))]
+    cells = complete if len(complete) > 1 else cells[cells.sum(axis=(1, 2)) > 0]
     cells = cells / cells.mean(axis=(1, 2), keepdims=True)
     mean = cells.mean(axis=0)
     error = cells.std(axis=0) / math.sqrt(len(cells))
     return mean, float(np.linalg.norm(error) / np.linalg.norm(mean))
 
 
-def _part(lattice: Lattice) -> Lattice:
-    """The same lattice on a small frame, with the same fractions of pixels."""
+def _small_lattice(lattice: Lattice) -> Lattice:
+    """Return the lattice on a small frame, with equal pixel fractions."""
     row, column = np.array(lattice.row), np.array(lattice.column)
     side = math.ceil((LENSLETS + 2) * max(lattice.pitch))
     middle = np.round((np.array([side, side]) - 1) / 2) + np.array(lattice.origin) % 1
@@ -220,29 +220,30 @@ def _part(lattice: Lattice) -> Lattice:
     )
 
 
-def _left(white: Vector, model: Vector) -> Vector:
-    """What the best scale and shift of a model leave of a white lenslet, over its norm."""
+def _residuals(white: Vector, model: Vector) -> Vector:
+    """Return the residuals of a white lenslet after the best scale and shift, over its norm."""
     slopes = [(np.roll(model, -1, axis) - np.roll(model, 1, axis)) / 2 for axis in (0, 1)]
-    basis = np.stack([one.ravel() for one in (model, *slopes)], axis=1)
+    basis = np.stack([values.ravel() for values in (model, *slopes)], axis=1)
     best, *_ = np.linalg.lstsq(basis, white.ravel(), rcond=None)
     return np.asarray((white.ravel() - basis @ best) / np.linalg.norm(white))
 
 
 def _fitted(
-    seen: Callable[[float, float], Vector],
+    modelled: Callable[[float, float], Vector],
     white: Vector,
-    stated: tuple[float, float],
+    nominal: tuple[float, float],
     largest: float,
 ) -> tuple[float, float, float]:
-    """NA, apodisation and misfit that fit best."""
-    na = stated[0]
-    found = least_squares(
-        lambda one: _left(white, seen(one[0] * na, one[1])),
-        (1.0, stated[1]),
-        bounds=((SMALLEST, APODISATIONS[0]), (largest / na, APODISATIONS[1])),
+    """Fit NA and apodisation; return them and their misfit."""
+    na = nominal[0]
+    solution = least_squares(
+        lambda x: _residuals(white, modelled(x[0] * na, x[1])),
+        (1.0, nominal[1]),
+        bounds=((MIN_NA_RATIO, APODISATIONS[0]), (largest / na, APODISATIONS[1])),
         x_scale=(0.05, 0.5),
         diff_step=(0.01, 0.05),
         xtol=1e-3,
         ftol=1e-3,
     )
-    return float(found.x[0] * na), float(found.x[1]), float(np.linalg.norm(found.fun))
+    misfit = float(np.linalg.norm(solution.fun))
+    return float(solution.x[0] * na), float(solution.x[1]), misfit

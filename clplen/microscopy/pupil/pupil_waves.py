@@ -1,8 +1,9 @@
-"""Images of points behind a microscope, and how they change with the pupil and with their places.
+"""Images of points behind a microscope, and their derivatives by pupil and position.
 
-Everything that a fit changes turns the phase of the pupil: dP = i g P, with g = 2 pi Z_j/lam by a
-Zernike coefficient, -2 pi M f_x by x, -2 pi M f_y by y and 2 pi (sqrt((n/lam)^2 - (M f)^2) - n/lam)
-by z. With A the linear way from pupil to sensor and u = A P, dI = 2 Re(conj(u) A(i g P)).
+All parameters of a fit change the phase of the pupil: dP = i g P, with g = 2 pi Z_j/lam for a
+Zernike coefficient, -2 pi M f_x for x, -2 pi M f_y for y and
+2 pi (sqrt((n/lam)^2 - (M f)^2) - n/lam) for z. With the linear propagation A from pupil to sensor
+and u = A P, dI = 2 Re(conj(u) A(i g P)).
 """
 
 from __future__ import annotations
@@ -23,21 +24,21 @@ from clplen.wave.elements.zernike import noll, zernike
 Vector = np.ndarray[Any, Any]
 Parameter = int | str  # Noll's index, or "x", "y", "z"
 
-MARGIN = 6  # lenslets that are simulated around the geometrical blur; half of those of psf
+MARGIN_LENSLETS = 6  # simulated around the geometrical blur, half the margin of psf.py
 
 
 @dataclass(frozen=True, eq=False)
 class PupilWaves:
-    """Points about the middle of a window of lenslets."""
+    """Simulation of points near the centre of a window of lenslets."""
 
-    camera: Microscope  # its lenslets are those of the window, odd in number
-    binning: int = 1  # pixels along an axis that are added up
+    camera: Microscope  # with the lenslets of the window, odd in number
+    binning: int = 1  # number of pixels along an axis that are summed
 
     @classmethod
     def of(
-        cls, camera: Microscope, z: float, *, binning: int = 1, margin: int = MARGIN
+        cls, camera: Microscope, z: float, *, binning: int = 1, margin: int = MARGIN_LENSLETS
     ) -> PupilWaves:
-        """Simulate points up to a lenslet off the middle and up to ``z`` from the native plane."""
+        """Choose the window for points within a lenslet of the axis and ``z`` of z = 0."""
         blur = float(np.max(camera.objective.blur(np.array([-abs(z), abs(z)]))))
         count = 2 * (int(np.ceil(blur / camera.mla.pitch)) + margin) + 1
         while smooth_length(count) != count:
@@ -48,27 +49,27 @@ class PupilWaves:
 
     @property
     def lenslets(self) -> int:
-        """Across the window."""
+        """Number of lenslets across the window."""
         return self.camera.mla.count[0]
 
     def tangents(
         self, points: PointSources, parameters: Sequence[Parameter]
     ) -> tuple[Vector, Vector]:
-        """Images of points, and their derivatives."""
+        """Return the images of points, and their derivatives by the parameters."""
         images, tangents = [], []
-        for some, u in self._sensor(points):
+        for batch, u in self._sensor(points):
             u = u.astype(np.complex128)
             images.append(binned(np.square(np.abs(u)), self.binning))
             row = []
             for name in parameters:
-                du = self._at_sensor(some, 1j * self.phases(name))
+                du = self._at_sensor(batch, 1j * self.phases(name))
                 row.append(binned(2 * (u.real * du.real + u.imag * du.imag), self.binning))
             tangents.append(row)
-        joined = [np.concatenate(one) for one in zip(*tangents, strict=True)]
-        return np.concatenate(images), np.array(joined)
+        derivatives = [np.concatenate(parts) for parts in zip(*tangents, strict=True)]
+        return np.concatenate(images), np.array(derivatives)
 
     def phases(self, name: Parameter) -> Vector:
-        """Return g of a parameter over the window's frequencies, rad/m; 0 beyond the rim."""
+        """Return g of a parameter over the window's frequencies, in rad/m; 0 outside the pupil."""
         camera, objective = self.camera, self.camera.objective
         fy, fx = camera.grid.fy[:, None], camera.grid.fx[None, :]
         f = np.hypot(fy, fx)
@@ -86,9 +87,9 @@ class PupilWaves:
         return np.asarray(2 * np.pi * np.where(inside, values, 0.0))
 
     def _sensor(self, points: PointSources) -> Iterator[tuple[PointSources, Vector]]:
-        """Some points after others, with their fields on the sensor."""
-        for some in self.camera.batches(points, self.camera.grid):
-            yield some, self._at_sensor(some)
+        """Yield batches of points with their fields on the sensor."""
+        for batch in self.camera.batches(points, self.camera.grid):
+            yield batch, self._at_sensor(batch)
 
     def _at_sensor(self, points: PointSources, factor: Vector | None = None) -> Vector:
         field = self.camera.sensor_fields(points, self.camera.grid, factor=factor)

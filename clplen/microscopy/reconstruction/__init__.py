@@ -1,1 +1,1 @@
-"""From volumes to frames and back: projectors, Richardson and Lucy's iteration, priors."""
+"""Reconstruction of volumes: projectors, Richardson-Lucy deconvolution, priors."""

@@ -1,12 +1,12 @@
-"""Volumes from frames of a light-field microscope, by Richardson and Lucy's iteration.
+"""Richardson-Lucy deconvolution of the frames of a light-field microscope.
 
     V <- V H'(w I/(w H V + b)) / H'w
 
-raises the likelihood of Poisson counts I with the mean w H V + b in every step (Richardson 1972;
-Lucy 1974; Broxton et al. 2013, section 3.3): b a background, w the sensitivity of the pixels.
+increases the likelihood of Poisson counts I with mean w H V + b in every step (Richardson 1972;
+Lucy 1974; Broxton et al. 2013, section 3.3), with background b and pixel sensitivity w.
 
-The native plane is degenerate: within d^2/(2 M^2 lam) of it every lenslet sees its voxels as one,
-and what they hold comes out blurred to d/M and spread over neighbouring planes.
+The native plane is degenerate: within d^2/(2 M^2 lam) of it a lenslet cannot resolve its voxels.
+Their light is reconstructed with a blur of d/M and spread over neighbouring planes.
 """
 
 from __future__ import annotations
@@ -33,34 +33,34 @@ from clplen.wave.coherence.averaging import Progress
 
 Vector = np.ndarray[Any, Any]
 
-LEAST = 1e-6  # of the largest H'w: voxels that are seen less than that stay 0
-FEWEST = 5  # lenslets of a frame along an axis
-VOLUMES = 3  # of a frame on the device: found, H'w and back
-OF_AHEAD = 4  # more of them
-OF_PRIOR = 3  # padded, smoothed; steepness
-LARGEST_STEP = 0.999  # of a, which is below 1
-PICTURES = 5  # counts, white, background, expected and ratio
+MIN_SENSITIVITY = 1e-6  # over the largest H'w; voxels below it stay 0 to avoid divisions by 0
+MIN_LENSLETS = 5  # along an axis of a frame, to resolve planes
+VOLUMES = 3  # per frame on the device: volume, H'w and back-projection
+ACCELERATION_VOLUMES = 4  # more volumes per frame, of `Acceleration`
+PRIOR_VOLUMES = 3  # more volumes per frame of a prior: padded, smoothed, steepness
+MAX_ACCELERATION = 0.999  # of the factor a, which is below 1
+PICTURES = 5  # per frame: counts, white, background, expected and ratio
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DeconvolutionResult(Savable, Plottable, HostArray):
-    """What `deconvolve` found.
+    """Result of `deconvolve`.
 
     Attributes
     ----------
     volume : numpy.ndarray
-        float32, shape (..., planes, rows v, columns v): energy of each voxel.
+        Energy of each voxel, float32, shape (..., planes, rows v, columns v).
     residuals : numpy.ndarray
-        float64, shape (..., iterations): sum (I - w H V - b)^2 / sum I^2 before each iteration,
-        over the pixels with w > 0.
+        sum (I - w H V - b)^2 / sum I^2 over the pixels with w > 0, before each iteration, float64,
+        shape (..., iterations).
     iterations : int
-        How many were made.
+        Number of iterations.
     degenerate : tuple of float
-        z in metres of the planes in which the volume cannot be resolved beyond d/M.
+        z in metres of the planes whose resolution is limited to d/M.
     planes : numpy.ndarray or None
-        z of each plane in metres, shape (planes,); None when not known.
+        z of each plane in metres, shape (planes,); None if unknown.
     voxel : tuple of float or None
-        (dy, dx) in metres; None when not known.
+        Sides (dy, dx) of a voxel in metres; None if unknown.
 
     Examples
     --------
@@ -72,8 +72,8 @@ class DeconvolutionResult(Savable, Plottable, HostArray):
     >>> projector = clplen.microscopy.Projector(images, (5, 5))
     >>> volume = np.zeros(projector.volume_shape)
     >>> volume[1, 7, 7] = 1.0  # a point 50 um from the native plane
-    >>> found = clplen.microscopy.deconvolve(projector.forward(volume), projector, iterations=5)
-    >>> found.volume.shape, np.argwhere(found.volume == found.volume.max()).tolist()
+    >>> result = clplen.microscopy.deconvolve(projector.forward(volume), projector, iterations=5)
+    >>> result.volume.shape, np.argwhere(result.volume == result.volume.max()).tolist()
     ((2, 15, 15), [[1, 7, 7]])
     """
 
@@ -91,15 +91,14 @@ class DeconvolutionResult(Savable, Plottable, HostArray):
     def save(self, path: str | Path, **options: Any) -> None:
         """Write the volume to OME-TIFF or OME-Zarr; see `clplen.io.write_volume` for options.
 
-        ``planes`` and ``voxel`` are known of a result of `deconvolve`. Raise ValueError or
-        `ShapeError` where they are not, or for a series: save each volume by
-        `clplen.io.write_volume`.
+        A result of `deconvolve` has ``planes`` and ``voxel``; raise ValueError for a result without
+        them. Raise `ShapeError` for a series: save each volume by `clplen.io.write_volume`.
         """
         options = {"planes": self.planes, "voxel": self.voxel} | options
         if options["planes"] is None or options["voxel"] is None:
             raise ValueError(
-                "This result does not know where its voxels lie: give planes=, z of each plane, "
-                "and voxel=, (dy, dx), in metres."
+                "This result has no voxel positions: give planes=, z of each plane, and voxel=, "
+                "(dy, dx), in metres."
             )
         super().save(path, **options)
 
@@ -131,67 +130,65 @@ def deconvolve(
     progress: Progress | None = None,
     watch: Callable[[Vector], None] | None = None,
 ) -> DeconvolutionResult:
-    """Find the volume that explains frames best, by Richardson and Lucy's iteration.
+    """Estimate the volume behind frames by Richardson-Lucy deconvolution.
 
     Parameters
     ----------
     frame : array_like or RawImage
-        Counts, not negative and finite, shape (..., rows n, columns n); leading axes are frames
-        of a series, which are found together.
+        Counts, not negative and finite, shape (..., rows n, columns n). Leading axes are frames of
+        a series, deconvolved together.
     projector : Projector or FourierProjector
-        With the point images of the microscope that took them. Of a Fourier microscope frames
-        have the shape of its sensor, and there is no prior "gaussian".
+        Projector with the point images of the microscope. Frames of a Fourier microscope have the
+        shape of its sensor and cannot use the prior "gaussian".
     iterations : int
-        At most; each takes one projection and one back-projection.
+        Maximum number of iterations, each with a projection and a back-projection.
     background : float or array_like
-        Counts b that come from nowhere in the volume, not negative: of every pixel, or of each
-        one, shape (..., rows n, columns n) that broadcasts to that of the frame.
+        Background counts b, not negative: a number or an array that broadcasts to the shape of the
+        frame.
     white : array_like, optional
-        Sensitivity w of the pixels (a white frame over its mean), not negative, shape (rows n,
-        columns n); pixels of 0 are left out, as saturated ones should be.
+        Pixel sensitivity w (a white frame over its mean), not negative, shape (rows n, columns n).
+        Pixels with w = 0 are excluded; set saturated pixels to 0.
     start : array_like, optional
-        Volume to begin with, such as that of the frame before; default an even one.
+        Initial volume, such as the volume of the previous frame; default a uniform volume.
     residual : float or "noise", optional
-        Stop when the residual of every frame is below it. "noise": that of Poisson counts about
-        the true means, sum I/sum I^2, if counts are photons (camera counts over the gain).
+        Threshold of the residual: stop when all frames are below. "noise" is the residual of
+        Poisson counts, sum I/sum I^2, if counts are photons (camera counts over the gain).
     variance : float
-        Of a count over its mean, for "noise": 1 for photons; `Preparation.variance` for photons
-        that were rectified, because interpolation averages.
+        Variance of a count over its mean, for "noise": 1 for photons, `Preparation.variance` for
+        rectified frames, because interpolation averages.
     accelerate : bool
-        Begin each iteration ahead of the volume found (Biggs and Andrews 1997): fewer iterations
-        for the same residual and the same noise, but memory for four volumes more.
+        True to extrapolate the volume before each iteration (Biggs and Andrews 1997): fewer
+        iterations for equal residual and noise, with memory for four more volumes.
     prior : {"tv", "gaussian", "time"}, optional
-        "tv": little total variation (Dey et al. 2006), against noise. "gaussian": nothing finer
-        than a lenslet about the native plane (Snyder and Miller 1985; Stefanoiu et al. 2019).
-        "time": voxels that seldom change from frame to frame, little total variation along time.
+        Prior. "tv": small total variation (Dey et al. 2006), against noise. "gaussian": no detail
+        finer than a lenslet near the native plane (Snyder and Miller 1985; Stefanoiu et al. 2019).
+        "time": small total variation along time, for voxels that change rarely.
     strength : float
-        Of the prior, positive. "tv" and "time": times the noise of a step if counts are photons,
-        `clplen.microscopy.reconstruction.priors.noise_level`. "gaussian": times the width of a
-        lenslet.
+        Strength of the prior, positive, in units of the photon noise of a step ("tv", "time"; see
+        `clplen.microscopy.reconstruction.priors.noise_level`) or of the lenslet width ("gaussian").
     before : array_like, optional
-        Volume of the frame before the first one, with which "time" compares that.
+        Volume of the frame before the first frame, for the prior "time".
     progress : callable, optional
-        Called as ``progress(done, total)`` after each iteration.
+        Callback ``progress(done, total)``, called after each iteration.
     watch : callable, optional
-        Called as ``watch(residuals)``, those of each frame, before ``progress``.
+        Callback ``watch(residuals)`` with the residual of each frame, called before ``progress``.
 
     Returns
     -------
     DeconvolutionResult
-        With the volume, float32, shape (..., planes, rows v, columns v), and the residuals of each
-        iteration.
+        Volume, float32, shape (..., planes, rows v, columns v), and residuals of each iteration.
 
     Raises
     ------
     ShapeError
-        If shapes do not fit, there is no frame, or it has fewer than five lenslets along an axis.
+        If shapes do not match, or the frame is empty or has fewer than five lenslets along an axis.
     ValueError
-        If counts, sensitivities or a start are negative, not finite or 0 everywhere, or a number is
-        out of range.
+        If counts, sensitivities or an initial volume are negative, not finite or 0 everywhere, or a
+        number is out of range.
     TypeError
-        If something is no array of real numbers, or the projector none.
+        If an array does not contain real numbers, or the projector is not a projector.
     DeviceError
-        If so many frames do not fit the device.
+        If the frames do not fit the device.
 
     Examples
     --------
@@ -202,57 +199,59 @@ def deconvolve(
     >>> projector = clplen.Projector(images, (5, 5))
     >>> volume = np.zeros(projector.volume_shape)
     >>> volume[1, 7, 7] = 1000  # a point 50 um beyond the native plane
-    >>> found = clplen.deconvolve(projector.forward(volume), projector, iterations=5)
-    >>> np.argwhere(found.volume == found.volume.max()).tolist()
+    >>> result = clplen.deconvolve(projector.forward(volume), projector, iterations=5)
+    >>> np.argwhere(result.volume == result.volume.max()).tolist()
     [[1, 7, 7]]
     """
     require(VolumeProjector, projector, "projector", "Projector(images, shape, device=device)")
-    if isinstance(projector, Projector) and min(projector.lenslets) < FEWEST:
+    if isinstance(projector, Projector) and min(projector.lenslets) < MIN_LENSLETS:
         rows, columns = projector.lenslets
         raise ShapeError(
-            f"The frame has {rows} x {columns} lenslets; at least "
-            f"{FEWEST} x {FEWEST} are needed to tell planes apart."
+            f"The frame must have at least {MIN_LENSLETS} x {MIN_LENSLETS} lenslets to resolve "
+            f"planes, got {rows} x {columns}."
         )
     if not (is_finite(variance) and variance > 0):
-        raise ValueError(f"variance is positive and finite, not {variance!r}.")
+        raise ValueError(f"variance must be positive and finite, got {variance!r}.")
     if residual not in (None, "noise") and (
         isinstance(residual, str) or not (is_finite(residual) and residual > 0)
     ):
-        raise ValueError(f"residual is a positive number, 'noise' or None, not {residual!r}.")
+        raise ValueError(f"residual must be a positive number, 'noise' or None, got {residual!r}.")
     iterations = positive_integer(iterations, "iterations")
     frame = real_array(frame, "A frame")
     lead = frame.shape[:-2]
-    volumes = volumes_held(accelerate, prior)
+    volumes = volume_count(accelerate, prior)
     projector.require_memory(math.prod(lead), volumes=volumes, pictures=PICTURES)
-    advice = "subtract less of the dark frame, or give such pixels a white level of 0 and any count"
+    advice = "subtract less of the dark frame, or exclude these pixels by a white level of 0"
     counts = _positive(frame, projector.frame_shape, "A frame", advice)
     counts = counts.reshape(-1, *projector.frame_shape)
     weight = np.ones(projector.frame_shape) if white is None else white
-    weight = _positive(weight, projector.frame_shape, "A white frame", "give such pixels 0")
+    weight = _positive(weight, projector.frame_shape, "A white frame", "set these pixels to 0")
     if weight.ndim > 2:
-        raise ShapeError(f"A white frame is one for all frames, not of shape {weight.shape}.")
+        raise ShapeError(
+            f"A white frame must have two axes, common to all frames, got shape {weight.shape}."
+        )
     if not weight.any():
-        raise ValueError("The white frame is 0 everywhere: no pixel is left to find a volume from.")
+        raise ValueError("The white frame is 0 everywhere, which excludes all pixels.")
     if not counts[:, weight > 0].any(axis=1).all():
-        raise ValueError("A frame is black: there is nothing to find.")
-    dim = _background(background, np.shape(frame)).reshape(counts.shape)
-    counts = np.where(weight > 0, counts, dim)
-    known = prior_of(prior, strength, projector, counts, _before(before, prior, projector))
-    found = _Iteration(projector, known, counts, weight, dim, start)
-    least = variance * found.noise if residual == "noise" else residual
-    ahead = Acceleration(found.volumes, found.device) if accelerate else None
+        raise ValueError("A frame is black: it must have counts at pixels that are not excluded.")
+    background_counts = _background(background, np.shape(frame)).reshape(counts.shape)
+    counts = np.where(weight > 0, counts, background_counts)
+    rule = prior_of(prior, strength, projector, counts, _before(before, prior, projector))
+    iteration = _Iteration(projector, rule, counts, weight, background_counts, start)
+    threshold = variance * iteration.noise if residual == "noise" else residual
+    acceleration = Acceleration(iteration.volumes, iteration.device) if accelerate else None
     history: list[Vector] = []
     for done in range(iterations):
-        if ahead is not None and done:
-            ahead.move(found.volumes)
-        history.append(found.step())
+        if acceleration is not None and done:
+            acceleration.move(iteration.volumes)
+        history.append(iteration.step())
         if watch is not None:
             watch(history[-1])
         if progress is not None:
             progress(done + 1, iterations)
-        if least is not None and (history[-1] < least).all():
+        if threshold is not None and (history[-1] < threshold).all():
             break
-    volume = projector.device.download(known.volumes(found.volumes))
+    volume = projector.device.download(rule.volumes(iteration.volumes))
     volume = volume.reshape(*lead, *projector.volume_shape)
     residuals = np.stack(history, axis=-1).reshape(*lead, len(history))
     images = projector.images
@@ -267,31 +266,31 @@ def deconvolve(
 
 
 def _before(values: Any, prior: str | None, projector: VolumeProjector) -> Vector | None:
-    """The volume of the frame before."""
+    """Check the volume of the previous frame."""
     if values is None:
         return None
     if prior != "time":
-        raise ValueError("before is the volume that prior='time' compares with: give that prior.")
-    found = _positive(values, projector.volume_shape, "The volume before", "volumes have none")
-    if found.ndim != len(projector.volume_shape):
-        raise ShapeError(f"The volume before is one volume, not of shape {found.shape}.")
-    return found
+        raise ValueError("before needs prior='time', which compares with it: give that prior.")
+    advice = "give a volume of deconvolve"
+    volume = _positive(values, projector.volume_shape, "The volume before", advice)
+    if volume.ndim != len(projector.volume_shape):
+        raise ShapeError(f"before must be a single volume, got shape {volume.shape}.")
+    return volume
 
 
-def volumes_held(accelerate: bool, prior: str | None) -> int:
-    """Volumes of a frame that are on the device."""
-    return VOLUMES + OF_AHEAD * accelerate + OF_PRIOR * bool(prior)
+def volume_count(accelerate: bool, prior: str | None) -> int:
+    """Return the number of volumes per frame on the device."""
+    return VOLUMES + ACCELERATION_VOLUMES * accelerate + PRIOR_VOLUMES * bool(prior)
 
 
 class Acceleration:
-    """Steps that begin ahead of the volume of the iteration; four more volumes on the device.
+    """Extrapolation of the volume before each step, with four more volumes on the device.
 
         y = max(x + a (x - x'), 0),   a = <g, g'>/<g', g'> within 0 to 1,
 
-    x' the volume of the iteration before, g = x - y the last step and g' the one before it (Biggs
-    and Andrews 1997, "Acceleration of iterative image restoration algorithms"). Voxels that come to
-    0 stay there, dark ones for the most part: to leave them a tenth changes residuals and errors by
-    no more than 1 %.
+    with the volume x' of the previous iteration, the last step g = x - y and the step g' before it
+    (Biggs and Andrews 1997, "Acceleration of iterative image restoration algorithms"). Voxels that
+    reach 0 stay at 0. Keeping a tenth of them instead changes residuals and errors by at most 1 %.
     """
 
     def __init__(self, volumes: cla.Array, device: Device) -> None:
@@ -302,14 +301,14 @@ class Acceleration:
         self.last: cla.Array | None = None
 
     def move(self, volumes: cla.Array) -> Vector:
-        """Move volumes, as a step left them, ahead in place; a of each frame."""
+        """Extrapolate the volumes of the last step in place; return a of each frame."""
         frames, planes, rows, columns = volumes.shape
         shape, device = (frames, planes * rows, columns), self.device
         step = device.empty(volumes.shape, np.float32)
         sizes = (np.int32(planes * rows), np.int32(columns))
         kernel = device.kernel("richardson_lucy.cl", "moved")
         device.launch_rows(kernel, shape, step, volumes, self.begun, *sizes)
-        a = self._length(step, int(frames))
+        a = self._factors(step, int(frames))
         kernel = device.kernel("richardson_lucy.cl", "ahead")
         device.launch_rows(
             kernel, shape, volumes, self.begun, self.before, device.upload(a), *sizes
@@ -317,19 +316,19 @@ class Acceleration:
         self.last = step
         return a
 
-    def _length(self, step: cla.Array, frames: int) -> Vector:
-        """a of each frame, 0 after the first step."""
+    def _factors(self, step: cla.Array, frames: int) -> Vector:
+        """Return the factor a of each frame, 0 after the first step."""
         if self.last is None:
             return np.zeros(frames, np.float32)
         on_host = self.device.on_host
-        with on_host(step, write=False) as these, on_host(self.last, write=False) as those:
-            pairs = [(g.ravel(), h.ravel()) for g, h in zip(these, those, strict=True)]
-            found = [float(np.vdot(g, h)) / max(float(np.vdot(h, h)), 1e-30) for g, h in pairs]
-        return np.clip(found, 0, LARGEST_STEP).astype(np.float32)
+        with on_host(step, write=False) as steps, on_host(self.last, write=False) as previous:
+            pairs = [(g.ravel(), h.ravel()) for g, h in zip(steps, previous, strict=True)]
+            factors = [float(np.vdot(g, h)) / max(float(np.vdot(h, h)), 1e-30) for g, h in pairs]
+        return np.clip(factors, 0, MAX_ACCELERATION).astype(np.float32)
 
 
 class _Iteration:
-    """The volumes with everything that a step needs, on the device."""
+    """Volumes and all arrays of a Richardson-Lucy step, on the device."""
 
     def __init__(
         self,
@@ -347,29 +346,29 @@ class _Iteration:
         self.noise = lit.sum(axis=1) / self.norms
         self.counts, self.white = device.upload(counts), device.upload(white)
         self.background = device.upload(background)
-        self.seen = prior.gathered(projector.back_project(device.upload(white[None])))
-        self.least = LEAST * float(device.download(self.seen).max())
+        self.sensitivity = prior.gathered(projector.back_project(device.upload(white[None])))
+        self.threshold = MIN_SENSITIVITY * float(device.download(self.sensitivity).max())
         shape = (len(counts), *projector.volume_shape)
         if start is None:
             light = np.maximum(lit.sum(axis=1), 1e-30)
-            even = light / np.prod(projector.volume_shape) / max(float(white.mean()), 1e-30)
-            begin = np.broadcast_to(even[:, None, None, None], shape).astype(np.float32)
+            level = light / np.prod(projector.volume_shape) / max(float(white.mean()), 1e-30)
+            initial = np.broadcast_to(level[:, None, None, None], shape).astype(np.float32)
         else:
-            begin = _positive(
-                start, projector.volume_shape, "A start", "a start is 0 or more and finite"
+            initial = _positive(
+                start, projector.volume_shape, "A start", "set these voxels to 0 or more"
             )
-            begin = begin.reshape(-1, *shape[1:])
-            if len(begin) not in (1, len(counts)):
+            initial = initial.reshape(-1, *shape[1:])
+            if len(initial) not in (1, len(counts)):
                 raise ShapeError(
-                    f"A start is of one frame or of all {len(counts)}, not of {len(begin)}."
+                    f"start must have 1 volume or {len(counts)}, one per frame, got {len(initial)}."
                 )
-            if not begin.any(axis=(1, 2, 3)).all():
-                raise ValueError("A start is 0 everywhere, and would stay so: leave it out.")
-            begin = np.broadcast_to(begin, shape)
-        self.volumes = device.upload(np.ascontiguousarray(begin, np.float32))
+            if not initial.any(axis=(1, 2, 3)).all():
+                raise ValueError("A start is 0 everywhere and would stay 0: leave it out.")
+            initial = np.broadcast_to(initial, shape)
+        self.volumes = device.upload(np.ascontiguousarray(initial, np.float32))
 
     def step(self) -> Vector:
-        """One iteration; the residual of each frame before it."""
+        """Perform an iteration; return the residual of each frame before it."""
         expected = self.projector.project(self.prior.volumes(self.volumes))
         _, ny, nx = expected.shape
         self._launch("expected", expected, self.white, self.background, ny, nx)
@@ -385,8 +384,9 @@ class _Iteration:
         self.prior.restrain(back, self.volumes)
         _, planes, rows, columns = back.shape
         self._launch(
-            "update", self.volumes, back, self.seen, np.float32(self.least), planes * rows, columns
-        )
+            "update", self.volumes, back, self.sensitivity, np.float32(self.threshold),
+            planes * rows, columns,
+        )  # fmt: skip
         return np.asarray(residual) / self.norms
 
     def _launch(self, name: str, out: cla.Array, *rest: Any) -> None:
@@ -397,27 +397,28 @@ class _Iteration:
 
 
 def _background(values: Any, shape: tuple[int, ...]) -> Vector:
-    """Counts from nowhere in the volume, of each pixel of each frame."""
-    found = real_array(values, "background")
+    """Check the background counts; return them for each pixel of each frame."""
+    counts = real_array(values, "background")
     try:
-        found = np.broadcast_to(found, shape)
+        counts = np.broadcast_to(counts, shape)
     except ValueError:
         raise ShapeError(
-            f"background is a number or broadcasts to the frame's shape {shape}, not {found.shape}."
+            f"background must be a number or broadcast to the frame's shape {shape}, got shape "
+            f"{counts.shape}."
         ) from None
-    if not (found >= 0).all() or not np.isfinite(found).all():
-        raise ValueError("background is not negative and finite: it has samples that are not.")
-    return np.ascontiguousarray(found)
+    if not (counts >= 0).all() or not np.isfinite(counts).all():
+        raise ValueError("background must be finite and not negative everywhere.")
+    return np.ascontiguousarray(counts)
 
 
-def _positive(values: Any, shape: tuple[int, ...], what: str, advice: str) -> Vector:
-    """Values as float32 after a look at their shape and signs."""
-    found = real_array(values, what)
-    if found.shape[-len(shape) :] != shape or not found.size:
+def _positive(values: Any, shape: tuple[int, ...], name: str, advice: str) -> Vector:
+    """Check the shape and the signs of values; return them as float32."""
+    samples = real_array(values, name)
+    if samples.shape[-len(shape) :] != shape or not samples.size:
         raise ShapeError(
-            f"{what} has shape (..., {', '.join(map(str, shape))}), not {found.shape}."
+            f"{name} must have shape (..., {', '.join(map(str, shape))}), got {samples.shape}."
         )
-    bad = int(np.count_nonzero(~(found >= 0) | ~np.isfinite(found)))
+    bad = int(np.count_nonzero(~(samples >= 0) | ~np.isfinite(samples)))
     if bad:
-        raise ValueError(f"{what} has {bad} negative or not finite samples: {advice}.")
-    return np.ascontiguousarray(found)
+        raise ValueError(f"{name} has {bad} negative or non-finite samples: {advice}.")
+    return np.ascontiguousarray(samples)

@@ -1,11 +1,11 @@
-"""Volumes to frames of a Fourier light-field microscope and back, as exact adjoints.
+"""Projection of volumes to frames of a Fourier light-field microscope, and its exact adjoint.
 
-Every sub-image is a sum over planes of convolutions, cut to the field stop:
+Every sub-image is a sum over planes of convolutions, cropped to the field stop S_j:
 
     I = sum_j S_j F^-1 sum_z F V_z F h_zj.
 
-A plane is transformed once for all sub-images, a sub-image once for all planes; windows are those
-of one sub-image, real to complex, on the host. What several sub-images put on a pixel adds up.
+Each plane is transformed once for all sub-images, each sub-image once for all planes. Transforms
+are real-to-complex, of windows around a sub-image, on the host. Overlapping sub-images add up.
 """
 
 from __future__ import annotations
@@ -33,39 +33,39 @@ from clplen.units import amount
 
 Vector = np.ndarray[Any, Any]
 
-SHARE = 2  # transfer functions are kept where they take less than this part of the free memory
-WORKING = 4  # windows of all sub-images that a projection works on
-THREADS = -1  # of the transforms: all that there are
+MEMORY_DIVISOR = 2  # transfer functions may take this part of the free memory: a half
+WORKING_WINDOWS = 4  # windows of all sub-images in memory during a projection
+THREADS = -1  # of the transforms: all CPU cores
 
 
 class FourierProjector(VolumeProjector):
     """Forward and backward projection with the point images of a Fourier microscope.
 
-    A volume has shape (..., planes, rows b, columns b): its middle pixel, rows//2 and columns//2,
-    lies on the axis. A frame has the shape of the sensor. Leading axes are frames.
+    A volume has shape (..., planes, rows b, columns b), with the pixel (rows//2, columns//2) on the
+    axis. A frame has the shape of the sensor. Leading axes are frames.
 
     Parameters
     ----------
     images : FourierPointImages
-        As `fourier_point_images` or `measure_point_images` give them.
+        Point images from `fourier_point_images` or `measure_point_images`.
     shape : tuple of int, optional
-        (rows, columns) of the volume in pixels of a sub-image; default as wide as a sub-image.
+        Shape (rows, columns) of the volume in sub-image pixels; default a whole sub-image.
     device : Device or str, optional
-        That holds volumes and frames; None is ``Device.open()``.
+        Device of volumes and frames; None is ``Device.open()``.
     memory : int, optional
-        Bytes for transfer functions; where they need more they are made anew for each plane.
-        Default: half of what is free.
+        Memory for transfer functions in bytes. If they need more, they are computed anew for each
+        plane. Default: half of the free memory.
 
     Attributes
     ----------
     images, shape, device
-        As given.
+        Point images, shape and device of the projector.
     volume_shape : tuple of int
-        (planes, rows b, columns b).
+        Shape (planes, rows b, columns b) of a volume.
     frame_shape : tuple of int
-        (ny, nx) of the sensor.
+        Shape (ny, nx) of a frame.
     resident : bool
-        Whether the transfer functions of all planes are kept.
+        True if the transfer functions of all planes stay in memory.
 
     Raises
     ------
@@ -74,9 +74,9 @@ class FourierProjector(VolumeProjector):
     ValueError
         If the memory is negative or not finite.
     TypeError
-        If the images are none, or the device.
+        If the images or the device have another type.
     DeviceError
-        If the projection of one frame does not fit the memory.
+        If the projection of a frame does not fit the memory.
 
     Examples
     --------
@@ -109,14 +109,14 @@ class FourierProjector(VolumeProjector):
         b = images.voxels
         self.volume_shape = (len(images.planes), self.shape[0] * b, self.shape[1] * b)
         self.frame_shape = images.shape
-        widths = np.array([one.shape[-1] for one in images.stored])
-        self._first = images.corners.min(axis=0)  # (y, x) of each lenslet's window, axis pixel
+        widths = np.array([plane.shape[-1] for plane in images.stored])
+        self._first = images.corners.min(axis=0)  # first pixel (y, x) of each lenslet's window
         ends = (images.corners + widths[:, None, None]).max(axis=0) - self._first
         self._window = tuple(
-            smooth_length(n + int(most) - 1)
-            for n, most in zip(self.shape, ends.max(axis=0), strict=True)
+            smooth_length(n + int(end) - 1)
+            for n, end in zip(self.shape, ends.max(axis=0), strict=True)
         )
-        allowed = free_memory() // SHARE if memory is None else memory
+        allowed = free_memory() // MEMORY_DIVISOR if memory is None else memory
         self.resident = self.nbytes <= allowed
         self.require_memory(1)
 
@@ -134,49 +134,50 @@ class FourierProjector(VolumeProjector):
 
     @property
     def degenerate(self) -> tuple[float, ...]:
-        return ()  # every sub-image shows every plane
+        return ()  # every sub-image resolves every plane
 
     def require_memory(self, frames: int, *, volumes: int = 1, pictures: int = 1) -> None:
-        what = frames_together(frames)
-        kept = volumes * math.prod(self.volume_shape) + pictures * math.prod(self.frame_shape)
-        self.device.require_memory(4 * frames * kept, what)
+        name = frames_together(frames)
+        values = volumes * math.prod(self.volume_shape) + pictures * math.prod(self.frame_shape)
+        self.device.require_memory(4 * frames * values, name)
         plane = self.nbytes // len(self.images.planes)
         windows = 8 * len(self.images.centres) * math.prod(self._spectrum)
-        of_host = (self.nbytes if self.resident else 2 * plane) + WORKING * windows
-        free = free_memory() + sum(one.nbytes for one in self._kept.values())
-        if of_host > free:
+        transfers = self.nbytes if self.resident else 2 * plane
+        nbytes = transfers + WORKING_WINDOWS * windows
+        free = free_memory() + sum(transfer.nbytes for transfer in self._cache.values())
+        if nbytes > free:
             raise DeviceError(
-                f"{what} needs {amount(of_host, 'B')} on the host, of which {amount(free, 'B')} "
-                "are free: take fewer planes or lenslets, or give memory=."
+                f"{name} needs {amount(nbytes, 'B')} of host memory, {amount(free, 'B')} are free: "
+                "take fewer planes or lenslets, or give memory=."
             )
 
     def project(self, volumes: cla.Array, *, clamp: bool = True) -> cla.Array:
         with self.device.on_host(volumes, write=False) as values:
-            frames = np.stack([self._frame(one) for one in values])
+            frames = np.stack([self._frame(volume) for volume in values])
         return self.device.upload(np.maximum(frames, 0) if clamp else frames)
 
     def back_project(self, frames: cla.Array) -> cla.Array:
         with self.device.on_host(frames, write=False) as values:
-            volumes = np.stack([self._volume(one) for one in values])
+            volumes = np.stack([self._volume(frame) for frame in values])
         return self.device.upload(volumes)
 
     def _frame(self, volume: Vector) -> Vector:
-        """H V of one volume on the host."""
+        """Return H V of a volume, on the host."""
         total = np.zeros((len(self.images.centres), *self._spectrum), np.complex64)
         for plane, transfer in enumerate(self._transfers()):
             spectra = fft.rfft2(self._phases(volume[plane]), s=self._window, workers=THREADS)
-            for one, of_lenslets in zip(spectra, transfer, strict=True):
-                total += one * of_lenslets
+            for spectrum, lenslets in zip(spectra, transfer, strict=True):
+                total += spectrum * lenslets
         windows = fft.irfft2(total, s=self._window, workers=THREADS)
         frame = np.zeros(self.frame_shape, np.float32)
-        for lenslet, (on_frame, in_window, inside) in enumerate(self._places()):
+        for lenslet, (on_frame, in_window, inside) in enumerate(self._overlaps()):
             frame[on_frame] += windows[lenslet][in_window] * inside
         return frame
 
     def _volume(self, frame: Vector) -> Vector:
-        """H' I of one frame on the host."""
+        """Return H' I of a frame, on the host."""
         windows = np.zeros((len(self.images.centres), *self._window), np.float32)
-        for lenslet, (on_frame, in_window, inside) in enumerate(self._places()):
+        for lenslet, (on_frame, in_window, inside) in enumerate(self._overlaps()):
             windows[lenslet][in_window] = frame[on_frame] * inside
         spectra = fft.rfft2(windows, workers=THREADS)
         np.conjugate(spectra, out=spectra)
@@ -184,22 +185,22 @@ class FourierProjector(VolumeProjector):
         b = self.images.voxels
         out = np.empty(self.volume_shape, np.float32)
         for plane, transfer in enumerate(self._transfers()):
-            seen = np.stack([np.einsum("jyx,jyx->yx", one, spectra) for one in transfer])
-            phases = fft.irfft2(np.conjugate(seen), s=self._window, workers=THREADS)
+            sums = np.stack([np.einsum("jyx,jyx->yx", phase, spectra) for phase in transfer])
+            phases = fft.irfft2(np.conjugate(sums), s=self._window, workers=THREADS)
             phases = phases[:, :rows, :columns].reshape(b, b, rows, columns)
             out[plane] = phases.transpose(2, 0, 3, 1).reshape(rows * b, columns * b)
         return out
 
     def _phases(self, plane: Vector) -> Vector:
-        """A plane as pictures of the voxels of the same place in a pixel, shape (b b, ...)."""
+        """Split a plane into pictures of voxels with equal phase in a pixel, shape (b b, ...)."""
         (rows, columns), b = self.shape, self.images.voxels
-        apart = plane.reshape(rows, b, columns, b).transpose(1, 3, 0, 2)
-        return np.ascontiguousarray(apart.reshape(b * b, rows, columns), np.float32)
+        phases = plane.reshape(rows, b, columns, b).transpose(1, 3, 0, 2)
+        return np.ascontiguousarray(phases.reshape(b * b, rows, columns), np.float32)
 
     def _transfers(self) -> Iterator[Vector]:
-        """Transforms of the images of each plane, shape (b b, lenslets, ...)."""
+        """Yield the transfer functions of each plane, shape (b b, lenslets, ...)."""
         for plane, stack in enumerate(self.images.stored):
-            yield self._made_once(plane, partial(self._transfer, plane, stack))
+            yield self._cached(plane, partial(self._transfer, plane, stack))
 
     def _transfer(self, plane: int, stack: Vector) -> Vector:
         phases, lenslets, k, _ = stack.shape
@@ -209,8 +210,8 @@ class FourierProjector(VolumeProjector):
             windows[:, lenslet, y : y + k, x : x + k] = stack[:, lenslet]
         return np.asarray(fft.rfft2(windows, workers=THREADS))
 
-    def _places(self) -> Iterator[tuple[tuple[slice, slice], tuple[slice, slice], Vector]]:
-        """Where each window lies on the frame, its part there, and the share in the sub-image."""
+    def _overlaps(self) -> Iterator[tuple[tuple[slice, slice], tuple[slice, slice], Vector]]:
+        """Yield the overlap of each window with the frame, in both, and the sub-image's share."""
         images = self.images
         for lenslet, first in enumerate(self._first):
             on_frame, in_window = [], []
@@ -221,7 +222,7 @@ class FourierProjector(VolumeProjector):
                 on_frame.append(slice(low, high))
                 in_window.append(slice(low - start, high - start))
             corner = (on_frame[0].start, on_frame[1].start)
-            size = tuple(one.stop - one.start for one in on_frame)
+            size = tuple(pixels.stop - pixels.start for pixels in on_frame)
             yield (
                 (on_frame[0], on_frame[1]),
                 (in_window[0], in_window[1]),

@@ -1,15 +1,14 @@
-"""Volumes to frames as the camera takes them, on any lattice of lenslets, and back.
+"""Projection of volumes to raw camera frames on any lattice of lenslets, and its exact adjoint.
 
-`Projector` makes frames whose pixels repeat with the lattice. A camera's pixels do not: the lattice
-is turned, has a fractional pitch, or is hexagonal. Here the model is interpolated to them, never
-the frame:
+Frames of `Projector` are periodic with the lattice. Raw frames are not: the lattice is rotated, has
+a fractional pitch, or is hexagonal. This module interpolates the model instead of the frame:
 
-    g = W H V,   V' = H' W' g,
+    g = W H V,   V' = H' W' g.
 
-H the point images as coefficients of cubic B-splines about their pixels,
-f[k] = (c[k - 1] + 4 c[k] + c[k + 1])/6, W the sum of the splines at the centres of the camera's
-pixels (Unser 1999), times the area of one in pixels of the other; W' its exact transpose. Counts
-are then those of the camera: whole, independent, and Poisson's.
+H gives the coefficients of cubic B-splines about the pixels of the point images,
+f[k] = (c[k - 1] + 4 c[k] + c[k + 1])/6. W sums the splines at the centres of the camera pixels
+(see Unser's 1999 review), times the ratio of pixel areas; W' is its transpose. The counts stay
+integer, independent and Poisson distributed.
 """
 
 from __future__ import annotations
@@ -27,63 +26,63 @@ from clplen.lightfield.raw.decode import resample
 from clplen.lightfield.raw.decode_adjoint import resample_adjoint
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.microscopy.model.cells import Cell, Pair, place_of
+from clplen.microscopy.model.cells import Cell, Pair, voxel_grid
 from clplen.microscopy.model.images import PointImages
 from clplen.microscopy.reconstruction.projector import Projector
 from clplen.microscopy.reconstruction.volume_projector import checked_pair
 
 Vector = np.ndarray[Any, Any]
 
-COARSEST = 0.9  # pixels of the point images for one of the camera: fewer would step over light
-APART = 0.02  # of the pitch, between the pixels that images integrate over and those of the lattice
-_REACH = 2  # pixels that cubic interpolation mixes, on either side
-_SPLINE = 1 / 6, 2 / 3  # a cubic B-spline at the next pixel and at its own
+MIN_PIXEL_RATIO = 0.9  # pixels of the point images per camera pixel; fewer would lose light
+PITCH_TOLERANCE = 0.02  # relative difference of the pitch of the frame and of the point images
+_REACH = 2  # pixels, support of cubic interpolation on either side
+_SPLINE = 1 / 6, 2 / 3  # cubic B-spline at the adjacent pixel and at the central pixel
 
 
 class FrameProjector(Projector):
-    """Forward and backward projection onto the pixels of a camera, as `deconvolve` takes it.
+    """Forward and backward projection onto raw camera pixels, for `deconvolve`.
 
-    The volume lies along the lattice's own vectors, under all cells (`PointImages.cell`) that the
-    frame shows a part of: see `place`. Light from beyond these cells is not part of it.
+    The volume follows the lattice vectors (`voxel_grid`). It covers all cells (`PointImages.cell`)
+    that are at least partly on the frame; light from outside is not modelled.
 
     Parameters
     ----------
     images : PointImages
-        Of the microscope with the array along the axes; made with ``sensor_pixels``, and 1.5 to 2
-        times as many pixels, they are those of pixels that integrate.
+        Point images of the microscope with an array along the axes. With ``sensor_pixels``, and 1.5
+        to 2 times as many pixels, they model pixels that integrate over their area.
     lattice : Lattice
-        Of the lenslets on the frame: square, oblong or hexagonal, turned and with any pitch.
-        Lenslet (0, 0) is one of the first kind. Of a hexagonal lattice with its nearest neighbours
-        along y, ``lattice.turned``, voxels' x runs down and y to the left.
+        Lattice of the lenslets on the frame: square, oblong or hexagonal, with any rotation and
+        pitch. Lenslet (0, 0) is of the first kind. If the nearest neighbours of a hexagonal lattice
+        are along y (``lattice.turned``), x of the voxels runs down and y to the left.
     shape : tuple of int, optional
-        (ny, nx) of frames; default that of the lattice.
+        Shape (ny, nx) of frames; default the shape of the lattice.
     device : Device or str, optional
-        None is ``Device.open()``.
+        OpenCL device; None is ``Device.open()``.
     memory : int, optional
-        Bytes for matrices, as of `Projector`.
+        Memory for matrices in bytes; see `Projector`.
 
     Attributes
     ----------
     images, lattice, device
-        As given.
+        Point images, lattice and device of the projector.
     shape : tuple of int
-        (rows, columns) of cells.
+        Number (rows, columns) of cells.
     volume_shape : tuple of int
-        (planes, rows vy, columns vx).
+        Shape (planes, rows vy, columns vx) of a volume.
     frame_shape : tuple of int
-        (ny, nx).
+        Shape (ny, nx) of a frame.
 
     Raises
     ------
     ShapeError
-        If the shape of frames is not known, or not two positive integers.
+        If the shape of frames is missing, or not two positive integers.
     ValueError
-        If the point images have fewer than 0.9 pixels for one of the camera, or are those of other
-        ``sensor_pixels``, or of another kind of lattice.
+        If the point images have fewer than 0.9 pixels per camera pixel, or another kind of lattice
+        or ``sensor_pixels``.
     TypeError
-        If images or lattice are none.
+        If images or lattice have another type.
     DeviceError
-        If the projection of one frame does not fit the device.
+        If the projection of a frame does not fit the device.
 
     Examples
     --------
@@ -119,11 +118,12 @@ class FrameProjector(Projector):
         self._first, cells = _cells_under(lattice, self._steps, images.cell, frame)
         self._grid = _grid(lattice, self._steps, self._first, images.cell, frame)
         self._area = _area(self._grid)
-        if self._area < COARSEST**2:
+        if self._area < MIN_PIXEL_RATIO**2:
             raise ValueError(
-                f"The point images have {self._area:.3g} pixels for one of the camera and would "
-                f"step over light: give their camera at least "
-                f"{math.ceil(COARSEST * lattice.neighbour)} pixels a lenslet (times its binning)."
+                f"The point images have only {self._area:.3g} pixels per camera pixel and would "
+                "lose light: give their camera at least "
+                f"{math.ceil(MIN_PIXEL_RATIO * lattice.neighbour)} pixels per lenslet (times its "
+                "binning)."
             )
         super().__init__(images, cells, device=device, memory=memory)
         self.frame_shape, pixels = frame, math.prod(frame)
@@ -135,9 +135,9 @@ class FrameProjector(Projector):
         count, device = int(model.shape[0]), self.device
         out = device.empty((count, *self.frame_shape), np.float32)
         for number in range(count):
-            one = model[number].copy() if count > 1 else model
-            seen = self._on_camera(one.reshape(self._model_shape))
-            device.copy_into(out, seen, 4 * number * math.prod(self.frame_shape))
+            picture = model[number].copy() if count > 1 else model
+            frame = self._on_camera(picture.reshape(self._model_shape))
+            device.copy_into(out, frame, 4 * number * math.prod(self.frame_shape))
         if clamp:
             with device.on_host(out) as values:
                 np.maximum(values, 0, out=values)
@@ -147,67 +147,67 @@ class FrameProjector(Projector):
         count, device = int(frames.shape[0]), self.device
         model = device.empty((count, *self._model_shape), np.float32)
         for number in range(count):
-            one = self._on_model(frames[number].copy() if count > 1 else frames)
-            device.copy_into(model, one, 4 * number * math.prod(self._model_shape))
+            picture = self._on_model(frames[number].copy() if count > 1 else frames)
+            device.copy_into(model, picture, 4 * number * math.prod(self._model_shape))
         return super().back_project(model)
 
     def _on_camera(self, model: cla.Array) -> cla.Array:
-        """W of a model's frame, on the device."""
+        """Apply W to a frame of the model, on the device."""
         return resample(model, self._grid, self.device, interpolation="spline")
 
     def _on_model(self, frame: cla.Array) -> cla.Array:
-        """W' of a frame, on the device."""
+        """Apply W' to a camera frame, on the device."""
         views = frame.reshape(self._grid.shape)
         return resample_adjoint(
             views, self._model_shape, self._grid, device=self.device, interpolation="spline"
         )
 
-    def of_cell(self, cell: Vector) -> Vector:
-        """Return the frame of an array whose cells all have one picture.
+    def tiled_frame(self, cell: Vector) -> Vector:
+        """Return the frame of an array with identical cells.
 
-        ``cell`` has coefficients of B-splines about the pixels of a cell, in counts of a pixel of
-        the camera, shape (ny, nx). Those of an even cell are its level.
+        ``cell`` contains the B-spline coefficients of a cell in counts per camera pixel, shape (ny,
+        nx). The coefficients of a uniform cell are its level.
         """
         model = self.device.upload(np.tile(cell.astype(np.float32), self.shape))
         return self.device.download(self._on_camera(model)).reshape(self.frame_shape)
 
     def to_cells(self, frame: Vector) -> Vector:
-        """Apply the adjoint of interpolation; float32, shape (rows, ny, columns, nx)."""
+        """Apply the adjoint of the interpolation; return float32, (rows, ny, columns, nx)."""
         values = self.device.upload(np.ascontiguousarray(frame, np.float32))
         model = self.device.download(self._on_model(values))
         (rows, columns), (ny, nx) = self.shape, self._cell.pixels
         return model.reshape(rows, ny, columns, nx)
 
-    def _of_part(self, plane: int, part: int, start: int, count: int) -> Vector:
-        """Coefficients of point images, for each pixel of the camera the light of one."""
-        pictures = super()._of_part(plane, part, start, count)
-        found = spline_coefficients(pictures)
-        found *= self._area
-        return found.astype(np.float32)
+    def _part_images(self, plane: int, part: int, start: int, count: int) -> Vector:
+        """Return the spline coefficients of point images, scaled to the area of camera pixels."""
+        pictures = super()._part_images(plane, part, start, count)
+        coefficients = spline_coefficients(pictures)
+        coefficients *= self._area
+        return coefficients.astype(np.float32)
 
-    def place(self) -> dict[str, tuple[float, float]]:
-        """Return where columns of voxels lie on the frame, as `Preparation.place`."""
+    def voxel_grid(self) -> dict[str, tuple[float, float]]:
+        """Return the voxel grid on the frame; see `Preparation.voxel_grid`."""
         voxels = np.array(self._cell.voxels)
         down, right = self._steps / voxels[:, None]
         start = (
             np.array(self.lattice.origin)
             + (np.array(self._first) - 0.5 + 0.5 / voxels) @ self._steps
         )
-        return place_of(start, down, right)
+        return voxel_grid(start, down, right)
 
 
 def lattice_of(camera: Microscope) -> Lattice:
-    """Return the lattice of a camera's lenslets on its frames, as a white frame would tell it.
+    """Return the lattice of a camera's lenslets on its frames, in place of a white frame.
 
     Parameters
     ----------
     camera : Microscope
-        Simulated, with its array as it lies on the frames.
+        Simulated camera with the rotation and offset of its array on the frames.
 
     Returns
     -------
     Lattice
-        Its lenslet (0, 0) is one of the first kind, near the middle of the array.
+        Lattice whose lenslet (0, 0) is of the first kind and near the centre of the array.
 
     Examples
     --------
@@ -221,11 +221,11 @@ def lattice_of(camera: Microscope) -> Lattice:
     require(Microscope, camera, "camera", "PlenopticCamera.microscope")
     mla, grid, pitch = camera.mla, camera.grid, camera.pixel_pitch
     centres = (mla.centres() - np.array(grid.origin)) / pitch + np.array(grid.shape) // 2
-    known = mla.types() == 0
+    is_first_kind = mla.types() == 0
     if mla.lattice == "hexagonal":
-        known[1::2] = False
-    away = np.hypot(*np.moveaxis(centres - (np.array(grid.shape) - 1) / 2, -1, 0))
-    y, x = centres.reshape(-1, 2)[np.where(known, away, np.inf).argmin()]
+        is_first_kind[1::2] = False
+    distance = np.hypot(*np.moveaxis(centres - (np.array(grid.shape) - 1) / 2, -1, 0))
+    y, x = centres.reshape(-1, 2)[np.where(is_first_kind, distance, np.inf).argmin()]
     cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
     row = (mla.row_pitch * cos / pitch, -mla.row_pitch * sin / pitch)
     column = (mla.pitch * sin / pitch, mla.pitch * cos / pitch)
@@ -235,23 +235,23 @@ def lattice_of(camera: Microscope) -> Lattice:
 
 
 def _check_lattice(images: PointImages, lattice: Lattice) -> None:
-    """Refuse the lattice of another array than that of the point images."""
-    of = images.parameters.get("lattice", "square")
-    if lattice.kind != of:
+    """Raise ValueError if the kinds or pitches of the frame and the point images differ."""
+    kind = images.parameters.get("lattice", "square")
+    if lattice.kind != kind:
         raise ValueError(
-            f"The lattice of the frame is {lattice.kind} and that of the point images {of}: give "
-            "the camera of the point images the array of the frame."
+            f"The lattice of the frame is {lattice.kind} and the lattice of the point images "
+            f"{kind}: give the camera of the point images the array of the frame."
         )
     pixels = images.parameters.get("sensor_pixels")
-    if pixels is not None and abs(lattice.neighbour / pixels - 1) > APART:
+    if pixels is not None and abs(lattice.neighbour / pixels - 1) > PITCH_TOLERANCE:
         raise ValueError(
-            f"The lenslets of the frame lie {lattice.neighbour:.5g} pixels apart, and those of the "
-            f"point images {pixels:.5g}: give point_images sensor_pixels={lattice.neighbour:.5g}."
+            f"The lenslet pitch is {lattice.neighbour:.5g} pixels on the frame and {pixels:.5g} in "
+            f"the point images: give point_images sensor_pixels={lattice.neighbour:.5g}."
         )
 
 
 def _steps(lattice: Lattice, cell: Cell) -> Vector:
-    """From a cell to the next one below and to the right, (y, x) in pixels, shape (2, 2)."""
+    """Return the steps (y, x) to the next cell below and to the right in pixels, shape (2, 2)."""
     down, right = np.array(lattice.row), np.array(lattice.column)
     if lattice.turned:
         down, right = -right, down
@@ -259,12 +259,12 @@ def _steps(lattice: Lattice, cell: Cell) -> Vector:
 
 
 def _cells_under(lattice: Lattice, steps: Vector, cell: Cell, frame: Pair) -> tuple[Pair, Pair]:
-    """The first cell under a frame, from that of lenslet (0, 0), and how many (rows, columns)."""
+    """Return the first cell under a frame, counted from lenslet (0, 0), and (rows, columns)."""
     corners = np.array([(y, x) for y in (0, frame[0] - 1) for x in (0, frame[1] - 1)])
-    places = (corners - lattice.origin) @ np.linalg.inv(steps)
-    beyond = _REACH / np.array(cell.pixels)
-    first = np.floor(places.min(axis=0) - beyond + 0.5).astype(int)
-    last = np.floor(places.max(axis=0) + beyond + 0.5).astype(int)
+    indices = (corners - lattice.origin) @ np.linalg.inv(steps)
+    margin = _REACH / np.array(cell.pixels)
+    first = np.floor(indices.min(axis=0) - margin + 0.5).astype(int)
+    last = np.floor(indices.max(axis=0) + margin + 0.5).astype(int)
     return (int(first[0]), int(first[1])), (
         int(last[0] - first[0]) + 1,
         int(last[1] - first[1]) + 1,
@@ -272,7 +272,7 @@ def _cells_under(lattice: Lattice, steps: Vector, cell: Cell, frame: Pair) -> tu
 
 
 def _grid(lattice: Lattice, steps: Vector, first: Pair, cell: Cell, frame: Pair) -> LensletGrid:
-    """Where the pixels of a frame lie on the model: a "lenslet" with one view each."""
+    """Return the camera pixels on the model as a grid of lenslets with a single view."""
     pixels = np.array(cell.pixels)
     to_model = np.linalg.inv(steps) * pixels
     corner = -np.array(lattice.origin) @ to_model + (0.5 - np.array(first)) * pixels - 0.5
@@ -281,21 +281,21 @@ def _grid(lattice: Lattice, steps: Vector, first: Pair, cell: Cell, frame: Pair)
 
 
 def _area(grid: LensletGrid) -> float:
-    """Pixels of the model that have the area of one of the camera."""
+    """Return the area of a camera pixel in pixels of the model."""
     (ay, ax), (by, bx) = grid.row_step, grid.column_step
     return float(abs(ay * bx - ax * by))
 
 
 def spline_coefficients(pictures: Vector) -> Vector:
-    """The coefficients c of B-splines that pass through all pixels; none lie outside a picture."""
-    found = np.asarray(pictures, np.float64)
+    """Return the B-spline coefficients that interpolate pictures, 0 outside of them."""
+    coefficients = np.asarray(pictures, np.float64)
     for axis in (-1, -2):
-        found = np.moveaxis(_along_last(np.moveaxis(found, axis, -1)), -1, axis)
-    return found
+        coefficients = np.moveaxis(_along_last(np.moveaxis(coefficients, axis, -1)), -1, axis)
+    return coefficients
 
 
 def _along_last(values: Vector) -> Vector:
-    """The same along the last axis."""
+    """Return the B-spline coefficients along the last axis."""
     from scipy.linalg import solveh_banded  # a slow import
 
     n = values.shape[-1]

@@ -1,12 +1,12 @@
-"""What may be known of a volume before it is deconvolved.
+"""Priors of the deconvolution.
 
-"tv"        little total variation: steps are divided by 1 - a div(grad V/|grad V|), a from the
-            noise of the counts (Dey et al. 2006)
-"gaussian"  nothing finer than a lenslet where lenslets see no more: about the native plane the
-            volume is V = G U with Gaussian windows G, and U is sought (method of sieves, Snyder
-            and Miller 1985; windows that depend on depth: Stefanoiu et al. 2019)
-"time"      few changes from frame to frame: little total variation of every voxel along time
-            (Rudin, Osher and Fatemi 1992), in steps as those of "tv"
+"tv"        small total variation: steps are divided by 1 - a div(grad V/|grad V|), with a from
+            the noise of the counts (Dey et al. 2006)
+"gaussian"  no detail finer than a lenslet near the native plane, where lenslets resolve none:
+            V = G U with Gaussian windows G, solved for U (method of sieves, Snyder and Miller
+            1985; depth-dependent windows: Stefanoiu et al. 2019)
+"time"      few changes between frames: small total variation of every voxel along time (Rudin,
+            Osher and Fatemi 1992), with the steps of "tv"
 """
 
 from __future__ import annotations
@@ -24,34 +24,34 @@ from clplen.microscopy.reconstruction.volume_projector import VolumeProjector
 Vector = np.ndarray[Any, Any]
 
 NAMES = ("tv", "gaussian", "time")
-EVEN = 1 / np.sqrt(12)  # standard deviation of what is spread evenly over 1
-SMOOTH = 1e-3  # of the mean voxel: gradients below count as none
-REACH = 4.0  # sigma of a window
-MOST_IN_TIME = 0.125  # abs(p[t] - p[t - 1]) <= 2: steps are changed by a third at most
+UNIFORM_SIGMA = 1 / np.sqrt(12)  # standard deviation of a uniform distribution of width 1
+MIN_GRADIENT = 1e-3  # over the mean voxel; smoothes the total variation below it
+WINDOW_SIGMAS = 4.0  # half width of a window; less than 1e-4 of a Gaussian lies beyond it
+MAX_TIME_WEIGHT = 0.125  # abs(p[t] - p[t - 1]) <= 2: steps change by a third at most
 
 
 class Prior:
-    """No prior: every volume is as good as another."""
+    """Flat prior, base class of all priors."""
 
     def volumes(self, unknowns: cla.Array) -> cla.Array:
-        """The volumes that unknowns stand for."""
+        """Return the volumes of the unknowns."""
         return unknowns
 
     def gathered(self, back: cla.Array) -> cla.Array:
-        """The adjoint of `volumes`."""
+        """Apply the adjoint of `volumes`."""
         return back
 
     def restrain(self, back: cla.Array, unknowns: cla.Array) -> None:
-        """Change the factors of the next step in place."""
+        """Modify the factors of the next step in place."""
 
 
 class TotalVariation(Prior):
-    """Volumes of little total variation, isotropic in metres.
+    """Prior for a small total variation of volumes, isotropic in metres.
 
     Attributes
     ----------
     weights : numpy.ndarray
-        float64, shape (frames,): a. At most so large that no step is more than doubled.
+        Weights a, float64, shape (frames,), limited so that no step is more than doubled.
     """
 
     def __init__(self, projector: VolumeProjector, counts: Vector, strength: float) -> None:
@@ -64,23 +64,23 @@ class TotalVariation(Prior):
             thickness[order] = np.gradient(z[order])
             gap[order[:-1]] = np.diff(z[order])
             above[order[:-1]], below[order[1:]] = order[1:], order[:-1]
-        most = 0.5 / (4 + 2 / thickness.min())  # abs(div p) <= 4 + 2/t
-        self.weights = np.minimum(strength * noise_level(counts, projector.images), most)
+        max_weight = 0.5 / (4 + 2 / thickness.min())  # abs(div p) <= 4 + 2/t
+        self.weights = np.minimum(strength * noise_level(counts, projector.images), max_weight)
         voxels = np.prod(projector.volume_shape) * thickness.mean()
-        small = SMOOTH * counts.sum(axis=(1, 2), dtype=np.float64) / voxels
-        given = (self.weights, small, thickness, gap)
-        tables = [device.upload(np.ascontiguousarray(one, np.float32)) for one in given]
+        small = MIN_GRADIENT * counts.sum(axis=(1, 2), dtype=np.float64) / voxels
+        values = (self.weights, small, thickness, gap)
+        tables = [device.upload(np.ascontiguousarray(table, np.float32)) for table in values]
         self._a, self._e, self._t, self._gap = tables
         self._above, self._below = device.upload(above), device.upload(below)
 
     def restrain(self, back: cla.Array, unknowns: cla.Array) -> None:
-        """B/(1 - a div p) with p of the volumes."""
+        """Divide the back-projection by 1 - a div p, with p from the volumes."""
         frames, planes, ny, nx = (int(n) for n in back.shape)
         steepness = self.device.empty(back.shape, np.float32)
-        places = (self._t, self._gap, self._above)
+        planes_table = (self._t, self._gap, self._above)
         for name, args in (
-            ("steepness", (steepness, unknowns, self._e, *places)),
-            ("restrain", (back, unknowns, steepness, self._a, *places, self._below)),
+            ("steepness", (steepness, unknowns, self._e, *planes_table)),
+            ("restrain", (back, unknowns, steepness, self._a, *planes_table, self._below)),
         ):
             kernel = self.device.kernel("total_variation.cl", name)
             sizes = (np.int32(n) for n in (planes, ny, nx))
@@ -88,12 +88,12 @@ class TotalVariation(Prior):
 
 
 class TimeVariation(Prior):
-    """Voxels of a series that seldom change.
+    """Prior for voxels of a series that change rarely.
 
     Attributes
     ----------
     weights : numpy.ndarray
-        float64, shape (frames,): a, at most `MOST_IN_TIME`. Larger ones make volumes alternate.
+        Weights a, float64, shape (frames,), at most `MAX_TIME_WEIGHT`; larger weights oscillate.
     """
 
     def __init__(
@@ -104,16 +104,16 @@ class TimeVariation(Prior):
         before: Vector | None = None,
     ) -> None:
         self.device = device = projector.device
-        self.weights = np.minimum(strength * noise_level(counts, projector.images), MOST_IN_TIME)
+        self.weights = np.minimum(strength * noise_level(counts, projector.images), MAX_TIME_WEIGHT)
         voxels = np.prod(projector.volume_shape)
-        small = SMOOTH * counts.sum(axis=(1, 2), dtype=np.float64) / voxels
-        self._a, self._e = (device.upload(one.astype(np.float32)) for one in (self.weights, small))
+        small = MIN_GRADIENT * counts.sum(axis=(1, 2), dtype=np.float64) / voxels
+        self._a, self._e = (device.upload(t.astype(np.float32)) for t in (self.weights, small))
         self._begun = before is not None
         start = np.zeros(1, np.float32) if before is None else before
         self._before = device.upload(np.ascontiguousarray(start, np.float32))
 
     def restrain(self, back: cla.Array, unknowns: cla.Array) -> None:
-        """B/(1 - a (p[t] - p[t - 1])) with p of the volumes."""
+        """Divide the back-projection by 1 - a (p[t] - p[t - 1]), with p from the volumes."""
         frames, planes, ny, nx = (int(n) for n in back.shape)
         kernel = self.device.kernel("time_variation.cl", "restrain_time")
         sizes = (np.int32(n) for n in (self._begun, frames, planes, ny, nx))
@@ -122,17 +122,18 @@ class TimeVariation(Prior):
 
 
 class Sieve(Prior):
-    """Volumes without detail within a lenslet near the native plane.
+    """Prior for volumes without detail finer than a lenslet near the native plane.
 
-    The windows' standard deviation there is that of light spread evenly over a lenslet, d/(M sqrt
-    12); it falls linearly to 0 where the blur of a point reaches the whole next lenslet. (Windows
-    that end at once drive light into the first planes without one.)
+    The standard deviation of the windows on the native plane is d/(M sqrt 12), that of light
+    distributed evenly over a lenslet. It falls linearly to 0 at the depth where the blur of a point
+    covers the whole next lenslet. (An abrupt end drives light into the first planes without
+    windows.)
     """
 
     def __init__(self, projector: Projector, strength: float) -> None:
         self.device, images = projector.device, projector.images
-        sigma = strength * EVEN * images.voxels * np.maximum(1 - images.blurs, 0)
-        radii = np.minimum(np.ceil(REACH * sigma), min(projector.volume_shape[1:]))
+        sigma = strength * UNIFORM_SIGMA * images.voxels * np.maximum(1 - images.blurs, 0)
+        radii = np.minimum(np.ceil(WINDOW_SIGMAS * sigma), min(projector.volume_shape[1:]))
         self.margin = int(radii.max())
         t = np.arange(self.margin + 1)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -143,19 +144,19 @@ class Sieve(Prior):
         self._tables = (upload(taps.astype(np.float32)), upload(radii.astype(np.int32)))
 
     def volumes(self, unknowns: cla.Array) -> cla.Array:
-        """G U."""
+        """Return G U."""
         frames, planes, ny, nx = (int(n) for n in unknowns.shape)
         padded = self.device.empty((frames, planes, ny, nx + 2 * self.margin), np.float32)
         out = self.device.empty(unknowns.shape, np.float32)
         sizes = [np.int32(n) for n in (self.margin, planes, ny, nx)]
-        for name, to, of in (("down", padded, unknowns), ("across", out, padded)):
+        for name, target, source in (("down", padded, unknowns), ("across", out, padded)):
             kernel = self.device.kernel("sieve.cl", name)
             shape = (frames * planes, ny, nx)
-            self.device.launch_rows(kernel, shape, to, of, *self._tables, *sizes)
+            self.device.launch_rows(kernel, shape, target, source, *self._tables, *sizes)
         return out
 
     def gathered(self, back: cla.Array) -> cla.Array:
-        """G is its own adjoint."""
+        """Apply the adjoint of `volumes`: G is self-adjoint."""
         return self.volumes(back)
 
 
@@ -166,41 +167,41 @@ def prior_of(
     counts: Vector,
     before: Vector | None = None,
 ) -> Prior:
-    """The prior of that name for frames, and the volume of the frame before them."""
+    """Return the named prior for frames; ``before`` is the volume of the previous frame."""
     if name not in (None, *NAMES):
-        raise ValueError(f"prior is {', '.join(map(repr, NAMES))} or None, not {name!r}.")
+        raise ValueError(f"prior must be {', '.join(map(repr, NAMES))} or None, got {name!r}.")
     if not (is_finite(strength) and strength > 0):
-        raise ValueError(f"strength is positive and finite, not {strength!r}.")
+        raise ValueError(f"strength must be positive and finite, got {strength!r}.")
     if name == "tv":
         return TotalVariation(projector, counts, strength)
     if name == "time":
         if len(counts) == 1 and before is None:
             raise ValueError(
-                "prior='time' compares the frames of a series, and this is one frame: give several "
-                "of them, or before=, the volume of the frame before it."
+                "prior='time' compares the frames of a series, got a single frame: give several "
+                "frames, or before=, the volume of the previous frame."
             )
         return TimeVariation(projector, counts, strength, before)
     if name is None:
         return Prior()
     if not isinstance(projector, Projector):
         raise ValueError(
-            "prior='gaussian' is of lenslets on the native plane, where they see no detail; a "
-            "Fourier microscope has no such plane: give 'tv' or None."
+            "prior='gaussian' needs a native plane, which a Fourier microscope does not have: give "
+            "'tv' or None."
         )
     return Sieve(projector, strength)
 
 
 def noise_level(counts: Vector, images: AnyImages) -> Vector:
-    """Relative noise of what a voxel sees of I/HV, if counts are photons.
+    """Estimate the relative noise of a voxel's factor H'(I/HV), if counts are photons.
 
-    Where V is right, H'(I/HV) has the variance sum h^2/HV over the image h of a voxel. For evenly
-    bright pixels that is 1/(P m): m = sum I (I - 1)/sum I, the counts of a pixel that sees light,
-    and P = (sum h)^2/sum h^2, the pixels of an image. Of a shell, whose frame has brighter and
-    dimmer pixels, it is .7 of the true one.
+    For the true volume, H'(I/HV) has the variance sum h^2/HV over the image h of a voxel. For
+    uniform brightness this is 1/(P m), with the counts m = sum I (I - 1)/sum I of a lit pixel and
+    the pixels P = (sum h)^2/sum h^2 of an image. For a shell, with brighter and dimmer pixels, the
+    estimate is 0.7 of the true noise.
     """
     middle = (images.voxels // 2,) * 2
-    of_planes = (images.image(z, middle).astype(np.float64) for z in range(len(images.planes)))
-    share = np.mean([np.square(h).sum() / h.sum() ** 2 for h in of_planes])
+    central = (images.image(z, middle).astype(np.float64) for z in range(len(images.planes)))
+    share = np.mean([np.square(h).sum() / h.sum() ** 2 for h in central])
     total = counts.sum(axis=(1, 2), dtype=np.float64)
     lit = np.square(counts, dtype=np.float64).sum(axis=(1, 2)) / total - 1
     return np.asarray(np.sqrt(share / np.maximum(lit, total / counts[0].size)))

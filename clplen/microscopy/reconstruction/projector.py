@@ -1,11 +1,11 @@
-"""Volumes to frames of a light-field microscope and back, as exact adjoints.
+"""Projection of volumes to frames of a light-field microscope, and its exact adjoint.
 
-The point images of v x v voxels and n x n pixels a lenslet are n^2 v^2 small convolutions on the
-lattice of lenslets: at each of its frequencies a matrix of n^2 by v^2 for each plane. Transforms
-are those of the lattice, not of the frame; in the basis of lattice_spectra.cl the matrices are real
-and those of y and -y are the same, so that a quarter of the numbers is kept and every one that is
-read serves four columns. Other arrays have cells of several lenslets (cells.py) in place of one; an
-array that a mirror changes has two or four such matrices.
+With v x v voxels and n x n pixels per lenslet, the point images are n^2 v^2 small convolutions on
+the lattice of lenslets: an n^2 by v^2 matrix for each plane and frequency of the lattice. Only the
+lattice is transformed, not the frame. In the basis of lattice_spectra.cl the matrices are real, and
+equal for y and -y: a quarter of the numbers is stored, and each number serves four columns. For
+other arrays, cells of several lenslets (cells.py) replace lenslets; an array without a mirror
+symmetry has two or four such matrices.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ from clplen.microscopy.reconstruction.volume_projector import (
 
 Vector = np.ndarray[Any, Any]
 
-WHOLE = (0,)  # the parts of a picture that is not taken apart
+SINGLE_PART = (0,)  # parts of a picture without decomposition
 WIDTH = 16  # frequencies of a block: see lattice_spectra.cl
 HEIGHT = 5  # rows of a result in registers
-DEPTH = 40  # terms of them, whose part of a matrix stays in the first-level cache
-PANEL = 150  # rows of a result in the second
-GROUP_BYTES = 2**28  # of matrices of some planes together, where they are made anew
-KEPT_BYTES = 2**30  # and where they are kept: frames are read and written once for each group
-PIECE_BYTES = 2**24  # of the matrix of some voxels of a plane, where a plane's has no room
-FIELD_BYTES = 2**23  # of spectra of point images together
-SHARE = 2  # matrices are kept where they take less than this part of the memory
+DEPTH = 40  # terms of a sum whose part of a matrix fits the first-level cache
+PANEL = 150  # rows of a result in the second-level cache
+GROUP_BYTES = 2**28  # of matrices of a group of planes that are computed anew
+RESIDENT_GROUP_BYTES = 2**30  # of resident matrices: frames are read and written once per group
+PIECE_BYTES = 2**24  # of the matrix of some voxels, if the matrix of a plane does not fit
+FIELD_BYTES = 2**23  # of spectra of point images transformed together
+MEMORY_DIVISOR = 2  # matrices may take this part of the memory: a half
 
 
 @dataclass(frozen=True)
 class _Group:
-    """Some neighbouring planes that are projected together."""
+    """Neighbouring planes that are projected together."""
 
     first: int
     count: int
@@ -61,35 +61,35 @@ class Projector(VolumeProjector):
     """Forward and backward projection with the point images of a microscope.
 
     A volume has shape (..., planes, rows v, columns v): voxel (z, i v + sy, k v + sx) is voxel
-    (sy, sx) of lenslet (i, k) in the plane ``images.planes[z]``; its frame has shape (..., rows n,
-    columns n). Nothing lies outside the volume. Leading axes are frames, projected together.
+    (sy, sx) of lenslet (i, k) in the plane ``images.planes[z]``. Its frame has shape (..., rows n,
+    columns n). Space outside the volume is dark. Leading axes are frames, projected together.
 
-    Of an array that is not square, or of several kinds of lenslets, lenslets are those cells that
-    ``images.cell`` describes, with (vy, vx) voxels and (ny, nx) pixels.
+    For an array that is not square or has several kinds of lenslets, read cells for lenslets:
+    ``images.cell`` with (vy, vx) voxels and (ny, nx) pixels.
 
     Parameters
     ----------
     images : PointImages
-        Of the microscope, as `point_images` simulates them.
+        Point images of the microscope from `point_images`.
     shape : tuple of int
-        (rows, columns) of lenslets, or of cells.
+        Number (rows, columns) of lenslets, or of cells.
     device : Device or str, optional
-        None is ``Device.open()``.
+        OpenCL device; None is ``Device.open()``.
     memory : int, optional
-        Bytes for matrices; where they need more they are made anew for some planes, or some voxels
-        of a plane, at a time, which is slower. Default: half of the device's memory, of a CPU half
-        of what is free.
+        Memory for matrices in bytes. If they need more, they are computed anew for some planes, or
+        some voxels of a plane, at a time, which is slower. Default: half of the device's memory, or
+        half of the free memory on a CPU.
 
     Attributes
     ----------
     images, shape, device
-        As given.
+        Point images, shape and device of the projector.
     volume_shape : tuple of int
-        (planes, rows v, columns v).
+        Shape (planes, rows v, columns v) of a volume.
     frame_shape : tuple of int
-        (rows n, columns n).
+        Shape (rows n, columns n) of a frame.
     resident : bool
-        Whether the matrices of all planes are kept.
+        True if the matrices of all planes stay in memory.
 
     Raises
     ------
@@ -98,9 +98,9 @@ class Projector(VolumeProjector):
     ValueError
         If the memory is negative or not finite.
     TypeError
-        If the images are none, or the device.
+        If the images or the device have another type.
     DeviceError
-        If the projection of one frame does not fit the device.
+        If the projection of a frame does not fit the device.
 
     Examples
     --------
@@ -117,7 +117,7 @@ class Projector(VolumeProjector):
     """
 
     images: PointImages
-    _between = 0  # pixels on the device beside those of a frame
+    _between = 0  # further pixels per frame on the device
 
     def __init__(
         self,
@@ -144,28 +144,28 @@ class Projector(VolumeProjector):
         self._blocks = -(-(self._window[0] // 2 + 1) * (self._window[1] // 2 + 1) // WIDTH)
         planes = self.volume_shape[0]
         plane = self.nbytes // planes
-        allowed = _room(device) if memory is None else memory
+        allowed = _available_bytes(device) if memory is None else memory
         self.resident = self.nbytes <= allowed
-        largest = min(KEPT_BYTES, int(device.cl_device.max_mem_alloc_size))
-        together = max(1, min(largest if self.resident else GROUP_BYTES, allowed) // plane)
+        largest = min(RESIDENT_GROUP_BYTES, int(device.cl_device.max_mem_alloc_size))
+        count = max(1, min(largest if self.resident else GROUP_BYTES, allowed) // plane)
         self._groups = [
-            _Group(first, min(together, planes - first)) for first in range(0, planes, together)
+            _Group(first, min(count, planes - first)) for first in range(0, planes, count)
         ]
         voxels, pairs = math.prod(cell.voxels), self._pictures
         if plane > allowed:
-            one = 2 * plane // self._rows_of_plane
-            pairs = min(pairs, max(1, max(allowed, PIECE_BYTES) // one))
+            pair = 2 * plane // self._rows_of_plane
+            pairs = min(pairs, max(1, max(allowed, PIECE_BYTES) // pair))
         self._piece = voxels if pairs == self._pictures else 2 * pairs
         self._spare: dict[tuple[int, ...], list[cla.Array]] = {}
         self.require_memory(1)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without what is on the device, which is made again when needed."""
+        """Return the state without arrays on the device, which are made again when needed."""
         return super().__getstate__() | {"_spare": {}}
 
     @property
     def lenslets(self) -> tuple[int, int]:
-        """(rows, columns) of lenslets that the volume lies under."""
+        """Number (rows, columns) of lenslets above the volume."""
         rows, columns = self._cell.lenslets
         return self.shape[0] * rows, self.shape[1] * columns
 
@@ -181,24 +181,24 @@ class Projector(VolumeProjector):
 
     @property
     def _rows_of_plane(self) -> int:
-        """Rows of the spectra of a plane: voxels of a cell, in every part."""
+        """Rows of the spectra of a plane: voxels of a cell times parts."""
         return math.prod(self._cell.voxels) * len(self._cell.parts)
 
     def require_memory(self, frames: int, *, volumes: int = 1, pictures: int = 1) -> None:
-        together, n = self._groups[0].count, math.prod(self._cell.pixels)
-        whole = together * self._rows_of_plane
+        planes, n = self._groups[0].count, math.prod(self._cell.pixels)
+        group_rows = planes * self._rows_of_plane
         start, stop = self._pieces(self._groups[0])[0]
         matrices = self.nbytes if self.resident else self._bytes_of(stop - start)
-        rows = n + whole + (stop - start if stop < whole else 0)
+        rows = n + group_rows + (stop - start if stop < group_rows else 0)
         spectra = 4 * WIDTH * 4 * self._blocks * rows
         window = 4 * math.prod(self._window)
         if self._lanes is None:
-            fields = window * max(frames * rows, 2 * n * self._together)
+            fields = window * max(frames * rows, 2 * n * self._image_batch)
         else:
-            fields = max(self._lanes.nbytes(frames * rows), window * 2 * n * self._together)
-        kept = volumes * math.prod(self.volume_shape) + pictures * math.prod(self.frame_shape)
+            fields = max(self._lanes.nbytes(frames * rows), window * 2 * n * self._image_batch)
+        values = volumes * math.prod(self.volume_shape) + pictures * math.prod(self.frame_shape)
         self.device.require_memory(
-            matrices + fields + frames * (spectra + 4 * (kept + self._between)),
+            matrices + fields + frames * (spectra + 4 * (values + self._between)),
             frames_together(frames),
         )
 
@@ -211,45 +211,45 @@ class Projector(VolumeProjector):
             spectra = self._packed(volumes, cell.voxels, group, cell.parts)
             for (start, stop), matrix in self._matrices(group):
                 kernel = device.kernel("projector.cl", "forward", **self._form, **added)
-                part, sizes = self._taken(spectra, start, stop), (rows, stop - start)
+                part, sizes = self._row_slice(spectra, start, stop), (rows, stop - start)
                 device.launch(
                     kernel, self._size(rows), total, matrix, part,
                     *(np.int32(k) for k in (*sizes, self._blocks, frames)),
                     operations=8.0 * frames * matrix.size,
                 )  # fmt: skip
                 if part is not spectra:
-                    self._lay_by(part)
+                    self._recycle(part)
                 added = {"ADD": True}
-                del matrix  # where it is not kept its memory is that of the next one
-            self._lay_by(spectra)
+                del matrix  # frees the memory for the next matrix unless it is resident
+            self._recycle(spectra)
         out = device.empty((frames, *self._model_shape), np.float32)
-        self._unpacked(out, total, cell.pixels, FRAME, WHOLE, 1, 0.0 if clamp else -math.inf)
-        self._lay_by(total)
+        self._unpacked(out, total, cell.pixels, FRAME, SINGLE_PART, 1, 0.0 if clamp else -math.inf)
+        self._recycle(total)
         return out
 
     def back_project(self, frames: cla.Array) -> cla.Array:
         cell, device, count = self._cell, self.device, int(frames.shape[0])
-        spectra = self._packed(frames, cell.pixels, FRAME, WHOLE)
+        spectra = self._packed(frames, cell.pixels, FRAME, SINGLE_PART)
         out = device.empty((count, *self.volume_shape), np.float32)
         planes, n = self.volume_shape[0], math.prod(cell.pixels)
         kernel = device.kernel("projector.cl", "backward", **self._form)
         for group in self._groups:
             columns = group.count * self._rows_of_plane
-            found = self._rows(count, columns)
+            total = self._rows(count, columns)
             for (start, stop), matrix in self._matrices(group):
-                part = found if stop - start == columns else self._rows(count, stop - start)
+                part = total if stop - start == columns else self._rows(count, stop - start)
                 sizes = (n, stop - start, self._blocks, count)
                 device.launch(
                     kernel, self._size(stop - start), part, matrix, spectra,
                     *(np.int32(k) for k in sizes), operations=8.0 * count * matrix.size,
                 )  # fmt: skip
                 del matrix
-                if part is not found:
-                    self._move_rows(found, part, to=start)
-                    self._lay_by(part)
-            self._unpacked(out, found, cell.voxels, group, cell.parts, planes, -math.inf)
-            self._lay_by(found)
-        self._lay_by(spectra)
+                if part is not total:
+                    self._move_rows(total, part, to=start)
+                    self._recycle(part)
+            self._unpacked(out, total, cell.voxels, group, cell.parts, planes, -math.inf)
+            self._recycle(total)
+        self._recycle(spectra)
         return out
 
     @property
@@ -265,11 +265,8 @@ class Projector(VolumeProjector):
         return (self._blocks * WIDTH, -(-rows // HEIGHT))
 
     def _rows(self, frames: int, rows: int) -> cla.Array:
-        """Room for packed spectra, that of earlier ones where it fits.
-
-        Pages of new memory are cleared by the system, which takes as long as a transform. What is
-        laid by belongs to nobody, and the queue runs in order: it is never written too early.
-        """
+        """Return an array for packed spectra, recycled if possible, because new memory is slow."""
+        # Recycled arrays have no users, and the queue runs in order: none is overwritten too early.
         shape = (frames, self._blocks, rows, 4, WIDTH)
         try:
             return self._spare[shape].pop()
@@ -280,33 +277,35 @@ class Projector(VolumeProjector):
                 self._spare.pop(other, None)
         return self.device.empty(shape, np.float32)
 
-    def _lay_by(self, rows: cla.Array) -> None:
-        """Keep the room of spectra that are no longer needed, on a CPU."""
+    def _recycle(self, rows: cla.Array) -> None:
+        """Store the array of spectra that are no longer needed for reuse, on a CPU."""
         if self.device.rows:
             self._spare.setdefault(rows.shape, []).append(rows)
 
-    def _taken(self, spectra: cla.Array, start: int, stop: int) -> cla.Array:
-        """Some rows of packed spectra."""
+    def _row_slice(self, spectra: cla.Array, start: int, stop: int) -> cla.Array:
+        """Return rows of packed spectra."""
         frames, _, rows = spectra.shape[:3]
         if stop - start == rows:
             return spectra
-        taken = self._rows(int(frames), stop - start)
-        self._move_rows(taken, spectra, start=start)
-        return taken
+        part = self._rows(int(frames), stop - start)
+        self._move_rows(part, spectra, start=start)
+        return part
 
-    def _move_rows(self, into: cla.Array, of: cla.Array, *, start: int = 0, to: int = 0) -> None:
-        """Copy as many rows of packed spectra as both have, from and to some row on."""
-        row, count = 4 * WIDTH * 4, math.prod(of.shape[:2])  # bytes; frames and blocks
-        there, here = int(of.shape[2]), int(into.shape[2])
+    def _move_rows(
+        self, target: cla.Array, source: cla.Array, *, start: int = 0, to: int = 0
+    ) -> None:
+        """Copy the rows of packed spectra from row ``start`` of a source to row ``to``."""
+        row, count = 4 * WIDTH * 4, math.prod(source.shape[:2])  # bytes; frames and blocks
+        source_rows, target_rows = int(source.shape[2]), int(target.shape[2])
         self.device.copy_lines(
-            into, of, (row * min(there, here), count),
-            (row * start, row * there), (row * to, row * here),
+            target, source, (row * min(source_rows, target_rows), count),
+            (row * start, row * source_rows), (row * to, row * target_rows),
         )  # fmt: skip
 
     def _packed(
         self, pictures: cla.Array, w: Pair, group: _Group, parts: tuple[int, ...]
     ) -> cla.Array:
-        """Spectra of pictures with wy x wx samples a cell, as lattice_spectra.cl packs them."""
+        """Return packed spectra (lattice_spectra.cl) of pictures with wy x wx samples per cell."""
         frames, planes = int(pictures.shape[0]), group.count
         total = int(pictures.shape[1]) if pictures.ndim == 4 else 1
         stack = (planes, group.first, total)
@@ -334,7 +333,7 @@ class Projector(VolumeProjector):
         shape: tuple[int, ...],
         first: Pair,
     ) -> cla.Array:
-        """Spectra of the pairs of samples; with ``first`` of pictures about that cell."""
+        """Return the spectra of the pairs of samples, of pictures about the cell ``first``."""
         device, pairs = self.device, (math.prod(w) + 1) // 2
         fields = device.empty((count * pairs, *self._window), np.complex64)
         centred = {"CENTRED": True} if any(first) else {}
@@ -352,14 +351,14 @@ class Projector(VolumeProjector):
         group: _Group,
         parts: tuple[int, ...],
         total: int,
-        least: float,
+        minimum: float,
     ) -> None:
-        """Pictures from packed spectra into some planes of stacks of ``total``."""
+        """Write pictures of packed spectra to some planes of stacks of ``total``."""
         device, pairs, frames = self.device, (math.prod(w) + 1) // 2, int(spectra.shape[0])
         planes = group.count
         if self._lanes is not None:
             stack = (planes, group.first, total)
-            self._lanes.run("pictures", out, spectra, w, frames, stack, self.shape, parts, least)
+            self._lanes.run("pictures", out, spectra, w, frames, stack, self.shape, parts, minimum)
             return
         fields = device.empty((frames * planes * pairs, *self._window), np.complex64)
         sizes = (*w, planes, len(parts), bits_of(parts), *self._window)
@@ -373,22 +372,22 @@ class Projector(VolumeProjector):
         device.launch_rows(
             device.kernel("lattice.cl", "interleave"),
             (frames * planes, rows * w[0], columns * w[1]),
-            out, fields, *(np.int32(k) for k in w), np.float32(least),
+            out, fields, *(np.int32(k) for k in w), np.float32(minimum),
             *(np.int32(k) for k in sizes),
         )  # fmt: skip
 
     def _matrices(self, group: _Group) -> Iterator[tuple[tuple[int, int], cla.Array]]:
-        """The matrix of some planes, kept where there is room; else piece by piece, with its rows.
+        """Yield the matrix of some planes, in pieces if it does not fit.
 
-        Rows (start, stop) are those of the packed spectra of the planes.
+        Each piece comes with its rows (start, stop) of the packed spectra of the planes.
         """
         for piece in self._pieces(group):
-            matrix = self._made_once(group, partial(self._assembled, group, *piece))
+            matrix = self._cached(group, partial(self._assembled, group, *piece))
             yield piece, matrix
             del matrix
 
     def _pieces(self, group: _Group) -> list[tuple[int, int]]:
-        """Rows of spectra whose matrix is made at once."""
+        """Return the rows (start, stop) of spectra of each piece of a matrix."""
         rows, voxels = group.count * self._rows_of_plane, math.prod(self._cell.voxels)
         if self._piece >= voxels:
             return [(0, rows)]
@@ -399,38 +398,37 @@ class Projector(VolumeProjector):
         ]
 
     def _bytes_of(self, rows: int) -> int:
-        """Bytes of the matrix of some rows of spectra."""
+        """Return the bytes of the matrix of some rows of spectra."""
         return 4 * self._blocks * WIDTH * math.prod(self._cell.pixels) * rows
 
     @property
     def _pictures(self) -> int:
-        """Point images of a plane and a part from which a matrix is assembled."""
+        """Number of point images of a plane and a part from which a matrix is assembled."""
         return (math.prod(self._cell.voxels) + 1) // 2
 
     def _assembled(self, group: _Group, start: int, stop: int) -> cla.Array:
-        """The matrix of some rows of the spectra of planes from their point images."""
+        """Assemble the matrix of some rows of the spectra of planes from their point images."""
         cell, device = self._cell, self.device
         rows, voxels, columns = math.prod(cell.pixels), math.prod(cell.voxels), stop - start
         matrix = device.empty((self._blocks, rows, columns, WIDTH), np.float32)
         kernel = device.kernel("lattice_spectra.cl", "assemble")
-        for number, (place, part) in enumerate(product(range(group.count), cell.parts)):
-            plane, first = group.first + place, number * voxels - start  # below 0: of a piece
+        for number, (index, part) in enumerate(product(range(group.count), cell.parts)):
+            plane, first = group.first + index, number * voxels - start  # below 0 in a later piece
             reach = self.images.reaches[plane]
             across = (2 * reach[0] + 1, 2 * reach[1] + 1)
             pairs = range(max(0, (1 - first) // 2), min(self._pictures, (columns - first + 1) // 2))
-            for some in (
-                pairs[k : k + self._together] for k in range(0, len(pairs), self._together)
-            ):
-                pictures = device.upload(self._of_part(plane, part, some.start, len(some)))
-                stack = (len(some), 0, len(some))
-                fields = self._fields(pictures, cell.pixels, len(some), stack, across, reach)
-                sizes = (some.start, rows, voxels, first, columns, part & 1, *self._window)
-                size = (1 if device.rows else self._blocks * WIDTH, (rows + 1) // 2, len(some))
+            step = self._image_batch
+            for batch in (pairs[k : k + step] for k in range(0, len(pairs), step)):
+                pictures = device.upload(self._part_images(plane, part, batch.start, len(batch)))
+                stack = (len(batch), 0, len(batch))
+                fields = self._fields(pictures, cell.pixels, len(batch), stack, across, reach)
+                sizes = (batch.start, rows, voxels, first, columns, part & 1, *self._window)
+                size = (1 if device.rows else self._blocks * WIDTH, (rows + 1) // 2, len(batch))
                 device.launch(kernel, size, matrix, fields, *(np.int32(k) for k in sizes))
         return matrix
 
-    def _of_part(self, plane: int, part: int, start: int, count: int) -> Vector:
-        """Some point images of a plane, numbered up to the voxel in the middle of the cell."""
+    def _part_images(self, plane: int, part: int, start: int, count: int) -> Vector:
+        """Return ``count`` point images of a plane, numbered up to the central voxel of a cell."""
         shape = self.images.stored[plane].shape[1:]
         pictures = np.empty((count, *shape), np.float32)
         for picture, t in zip(pictures, range(start, start + count), strict=True):
@@ -438,13 +436,13 @@ class Projector(VolumeProjector):
         return pictures
 
     @property
-    def _together(self) -> int:
-        """Voxels of a cell whose images are transformed together."""
-        one = 8 * math.prod(self._window) * ((math.prod(self._cell.pixels) + 1) // 2)
-        return max(1, min(self._pictures, FIELD_BYTES // one))
+    def _image_batch(self) -> int:
+        """Number of point images that are transformed together."""
+        nbytes = 8 * math.prod(self._window) * ((math.prod(self._cell.pixels) + 1) // 2)
+        return max(1, min(self._pictures, FIELD_BYTES // nbytes))
 
 
-def _room(device: Device) -> int:
-    """Bytes that matrices may take."""
-    there = min(device.memory_bytes, free_memory()) if device.is_cpu else device.memory_bytes
-    return int(there) // SHARE
+def _available_bytes(device: Device) -> int:
+    """Return the memory that matrices may take, in bytes."""
+    memory = min(device.memory_bytes, free_memory()) if device.is_cpu else device.memory_bytes
+    return int(memory) // MEMORY_DIVISOR

@@ -1,4 +1,4 @@
-"""What all projectors of microscopes share: checks, matrices that are kept, the linear map."""
+"""Base class of the projectors of microscopes: checks, cache of matrices, linear map."""
 
 from __future__ import annotations
 
@@ -33,27 +33,27 @@ class VolumeProjector(ABC):
     resident: bool
 
     def __init__(
-        self, images: AnyImages, shape: Any, what: str, device: Device, memory: Any
+        self, images: AnyImages, shape: Any, name: str, device: Device, memory: Any
     ) -> None:
-        """Keep what was given; ``what`` names the shape in messages."""
+        """Check and store the arguments; ``what`` names the shape in messages."""
         self.images, self.device = images, device
-        self.shape = checked_pair(shape, what)
+        self.shape = checked_pair(shape, name)
         if memory is not None and not (is_finite(memory) and memory >= 0):
-            raise ValueError(f"memory is a number of bytes from 0 on or None, not {memory!r}.")
-        self._kept: dict[Hashable, Any] = {}
+            raise ValueError(f"memory must be a number of bytes or None, got {memory!r}.")
+        self._cache: dict[Hashable, Any] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without matrices, which are made again when needed."""
-        return self.__dict__ | {"_kept": {}}
+        """Return the state without matrices, which are computed again when needed."""
+        return self.__dict__ | {"_cache": {}}
 
-    def _made_once(self, key: Hashable, make: Callable[[], Any]) -> Any:
-        """Matrices of some planes, kept where there is room for those of all."""
-        found = self._kept.get(key)
-        if found is None:
-            found = make()
+    def _cached(self, key: Hashable, make: Callable[[], Any]) -> Any:
+        """Return the matrices of some planes, from the cache if the matrices of all planes fit."""
+        matrices = self._cache.get(key)
+        if matrices is None:
+            matrices = make()
             if self.resident:
-                self._kept[key] = found
-        return found
+                self._cache[key] = matrices
+        return matrices
 
     def __repr__(self) -> str:
         size = f"{self.volume_shape} to {self.frame_shape}"
@@ -62,13 +62,13 @@ class VolumeProjector(ABC):
     @property
     @abstractmethod
     def degenerate(self) -> tuple[float, ...]:
-        """Positions z in metres of planes in which lenslets see no detail."""
+        """Depths z in metres of the planes in which lenslets resolve no detail."""
 
     @abstractmethod
     def require_memory(self, frames: int, *, volumes: int = 1, pictures: int = 1) -> None:
         """Raise `DeviceError` if so many frames do not fit the device.
 
-        ``volumes`` and ``pictures`` are kept on the device for each frame.
+        ``volumes`` and ``pictures`` are their numbers on the device per frame.
         """
 
     @abstractmethod
@@ -87,24 +87,24 @@ class VolumeProjector(ABC):
         volume : array_like
             Energy of every voxel, shape (..., planes, rows, columns).
         clamp : bool
-            Whether pixels that rounding leaves below 0 are 0, as Poisson statistics need it.
-            A volume with negative voxels needs False.
+            True to set negative pixels, caused by rounding, to 0 for Poisson statistics. A volume
+            with negative voxels needs False.
 
         Returns
         -------
         numpy.ndarray
-            float32, shape (..., ny, nx).
+            Frames, float32, shape (..., ny, nx).
 
         Raises
         ------
         ShapeError
-            If the volume has another shape, or there is none.
+            If the volume has another shape, or is empty.
         ValueError
             If a voxel is not finite.
         TypeError
-            If the volume is no array of real numbers.
+            If the volume is not an array of real numbers.
         DeviceError
-            If so many frames do not fit the device.
+            If the frames do not fit the device.
         """
         values = finite_batch(volume, self.volume_shape, "A volume")
         self.require_memory(len(values))
@@ -112,35 +112,35 @@ class VolumeProjector(ABC):
         return self.device.download(frames).reshape(*np.shape(volume)[:-3], *self.frame_shape)
 
     def backward(self, frame: Any) -> Vector:
-        """Apply the adjoint: what every voxel sees of frames through its image.
+        """Apply the adjoint: sum each frame weighted by the image of every voxel.
 
         Parameters
         ----------
         frame : array_like
-            Shape (..., ny, nx).
+            Frames, shape (..., ny, nx).
 
         Returns
         -------
         numpy.ndarray
-            float32, shape (..., planes, rows, columns).
+            Volumes, float32, shape (..., planes, rows, columns).
 
         Raises
         ------
         ShapeError
-            If the frame has another shape, or there is none.
+            If the frame has another shape, or is empty.
         ValueError
             If a pixel is not finite.
         TypeError
-            If the frame is no array of real numbers.
+            If the frame is not an array of real numbers.
         DeviceError
-            If so many frames do not fit the device.
+            If the frames do not fit the device.
         """
         values = finite_batch(frame, self.frame_shape, "A frame")
         self.require_memory(len(values))
         volumes = self.back_project(self.device.upload(values))
         return self.device.download(volumes).reshape(*np.shape(frame)[:-2], *self.volume_shape)
 
-    adjoint = backward  # the name of every linear map
+    adjoint = backward  # common name of all linear maps
 
     @property
     def in_shape(self) -> tuple[int, int, int]:
@@ -154,7 +154,7 @@ class VolumeProjector(ABC):
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Type of volumes and frames, float32."""
+        """Data type of volumes and frames, float32."""
         return np.dtype(np.float32)
 
     def forward_data(self, data: cla.Array) -> cla.Array:
@@ -179,13 +179,13 @@ class VolumeProjector(ABC):
         )
 
 
-def checked_pair(shape: Any, what: str) -> Pair:
+def checked_pair(shape: Any, name: str) -> Pair:
     """Return two positive whole numbers."""
     if np.shape(shape) != (2,) or any(not is_integer(n) or n < 1 for n in shape):
-        raise ShapeError(f"shape is {what}, not {shape!r}.")
+        raise ShapeError(f"shape must be {name}, got {shape!r}.")
     return int(shape[0]), int(shape[1])
 
 
 def frames_together(frames: int) -> str:
-    """Name a projection in messages on memory."""
+    """Return the name of a projection in messages about memory."""
     return f"The projection of {'one frame' if frames == 1 else f'{frames} frames together'}"

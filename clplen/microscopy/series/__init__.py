@@ -1,1 +1,1 @@
-"""Series of frames: volumes in batches, what they begin with, their background."""
+"""Series of frames: volumes in batches, initial volumes, rolling background."""

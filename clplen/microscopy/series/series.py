@@ -1,8 +1,8 @@
-"""Volumes of a series of frames, several at a time.
+"""Deconvolution of a series of frames, several frames at a time.
 
-An iteration of one frame reads every number of the projector's matrices twice, for eight
-multiplications and additions each: memory sets the pace. Frames that are found together read them
-once for all, so that from about eight frames on arithmetic and transforms do.
+An iteration of a single frame reads every number of the projector's matrices twice, for eight
+multiplications and additions each: it is limited by memory bandwidth. A batch reads the matrices
+once for all its frames; from about eight frames on, arithmetic and transforms are the limit.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ from clplen.wave.coherence.averaging import Progress
 
 Vector = np.ndarray[Any, Any]
 
-BATCH = 8  # frames: beyond that a frame takes no less time
+BATCH = 8  # frames; larger batches take no less time per frame (`clplen bench`)
 _OPTIONS = ("iterations", "residual", "variance", "accelerate", "prior", "strength", "watch")
 
 
 @dataclass(frozen=True, eq=False)
 class SeriesFrame:
-    """Counts of a frame of a series, with what of them is not light of the volume."""
+    """Counts of a frame of a series, with their background and sensitivity."""
 
     counts: Vector
-    background: Any = 0.0  # b of `deconvolve`
-    white: Vector | None = None  # sensitivity of its pixels
+    background: Any = 0.0  # b in `deconvolve`
+    white: Vector | None = None  # pixel sensitivity
 
 
 def deconvolve_series(
@@ -60,54 +60,53 @@ def deconvolve_series(
     progress: Progress | None = None,
     **options: Any,
 ) -> Iterator[DeconvolutionResult]:
-    """Find the volumes of a series of frames, a batch at a time.
+    """Deconvolve a series of frames, a batch at a time.
 
     Parameters
     ----------
     frames : iterable of array_like
-        Counts of each frame, shape (rows n, columns n), or an array (frames, rows n, columns n);
-        no more than a batch (and the window of ``rolling``) is held.
+        Counts of each frame, shape (rows n, columns n), or an array (frames, rows n, columns n).
+        At most a batch and the window of ``rolling`` are in memory.
     projector : Projector or FourierProjector
-        With the point images of the microscope that took them.
+        Projector with the point images of the microscope.
     batch : int, optional
-        Frames that are found together. Default: eight, or as many as the device has memory for.
+        Number of frames deconvolved together. Default: eight, or fewer if memory is scarce.
     start : {"previous", "decayed", "limited"}, optional
-        What the frames of a batch begin with, made of the volume of the last frame before it:
-        itself, with a share of its contrast, or as wide as things can have moved. Default: an even
-        volume.
-        "previous" draws out what moves, see `clplen.microscopy.series.starts`.
+        Initial volume of the frames of a batch, derived from the last volume of the previous batch:
+        unchanged, with reduced contrast, or smoothed by the motion. Default: a uniform volume.
+        With "previous", moving objects leave a trail; see `clplen.microscopy.series.starts`.
     decay : float
         Share of the contrast that "decayed" keeps, from 0 to 1.
     motion : float, optional
-        How far things move from a frame to the next one in "limited", in metres (standard deviation
-        along an axis); default half a voxel.
+        Motion between successive frames for "limited", in metres (standard deviation along an
+        axis); default half a voxel.
     before : array_like, optional
-        Volume of the frame before the first one. With a start other than None the first batch
-        begins with it; the prior "time" compares the first frame with it. Without it a first frame
-        that is found alone has no prior.
+        Volume of the frame before the first frame: the initial volume of the first batch if
+        ``start`` is given, and the reference of the prior "time" for the first frame. Without it,
+        a first frame in a batch of its own has no prior.
     background : float or array_like
-        As of `deconvolve`, the same for all frames.
+        Background counts as in `deconvolve`, common to all frames.
     rolling : int, optional
-        N: the minimum of each pixel over the frames from N//2 before to (N - 1)//2 after is
-        background, besides ``background``. Light of what never changes is then left out, too.
+        Number N of frames, from N//2 before to (N - 1)//2 after a frame. The minimum of each pixel
+        over them is added to ``background``, so that static light is subtracted, too.
     white : array_like, optional
-        As of `deconvolve`.
+        Pixel sensitivity as in `deconvolve`.
     progress : callable, optional
-        Called as ``progress(done, total)`` after each iteration of a batch.
+        Callback ``progress(done, total)``, called after each iteration of a batch.
     **options
-        Others of `deconvolve`: ``iterations``, ``residual``, ``variance``, ``accelerate``,
-        ``prior``, ``strength`` and ``watch``. With ``residual`` a batch goes on until every frame
-        of it is below.
+        Further options of `deconvolve`: ``iterations``, ``residual``, ``variance``,
+        ``accelerate``, ``prior``, ``strength`` and ``watch``. With ``residual`` a batch continues
+        until all its frames are below.
 
     Returns
     -------
     iterator of DeconvolutionResult
-        Of each frame, in order.
+        Result of each frame, in order.
 
     Raises
     ------
     ShapeError, ValueError, TypeError, DeviceError
-        As `deconvolve`; and if batch, window, decay or motion is out of range.
+        See `deconvolve`; also if batch, window, decay or motion is out of range.
 
     Examples
     --------
@@ -119,33 +118,33 @@ def deconvolve_series(
     >>> volumes = np.zeros((3, *projector.volume_shape))
     >>> for t in range(3):
     ...     volumes[t, 1, 7, 6 + t] = 1000  # a point that moves by a voxel a frame
-    >>> found = clplen.microscopy.deconvolve_series(
+    >>> results = clplen.microscopy.deconvolve_series(
     ...     projector.forward(volumes), projector, batch=2, iterations=8)
-    >>> [int(one.volume.argmax() % 15) for one in found]
+    >>> [int(result.volume.argmax() % 15) for result in results]
     [6, 7, 8]
     """
     require(VolumeProjector, projector, "projector", "Projector(images, shape, device=device)")
-    how = Start(start, projector.images, decay=decay, motion=motion)
+    initial = Start(start, projector.images, decay=decay, motion=motion)
     check_keywords(options, (*keywords_of(deconvolve_series), *_OPTIONS), "deconvolve_series")
-    together = batch_for(projector, batch, **options)
+    batch_size = batch_for(projector, batch, **options)
     series: Iterable[SeriesFrame]
     if before is not None and start is None and options.get("prior") != "time":
-        raise ValueError("before is for a start or for prior='time': give one of them.")
+        raise ValueError("before requires a start or prior='time': give one of them.")
     if rolling is None:
-        series = (SeriesFrame(host_array(one, "A frame"), background, white) for one in frames)
+        series = (SeriesFrame(host_array(frame, "A frame"), background, white) for frame in frames)
     else:
-        pairs = rolling_minimum((host_array(one, "A frame") for one in frames), rolling)
-        series = (SeriesFrame(one, np.add(low, background), white) for one, low in pairs)
-    return found_in_batches(
-        series, projector, together, how, before=before, progress=progress, **options
+        pairs = rolling_minimum((host_array(frame, "A frame") for frame in frames), rolling)
+        series = (SeriesFrame(frame, np.add(low, background), white) for frame, low in pairs)
+    return deconvolve_batches(
+        series, projector, batch_size, initial, before=before, progress=progress, **options
     )
 
 
 def batch_for(projector: VolumeProjector, batch: int | None = None, **options: Any) -> int:
-    """Frames that are found together: as asked, or at most eight for which there is memory."""
+    """Return the number of frames per batch: ``batch``, or at most eight that fit the memory."""
     if batch is not None:
         return positive_integer(batch, "batch")
-    volumes = deconvolution.volumes_held(options.get("accelerate", False), options.get("prior"))
+    volumes = deconvolution.volume_count(options.get("accelerate", False), options.get("prior"))
     for frames in range(BATCH, 1, -1):
         try:
             projector.require_memory(frames, volumes=volumes, pictures=deconvolution.PICTURES)
@@ -156,7 +155,7 @@ def batch_for(projector: VolumeProjector, batch: int | None = None, **options: A
     return 1
 
 
-def found_in_batches(
+def deconvolve_batches(
     frames: Iterable[SeriesFrame],
     projector: VolumeProjector,
     batch: int,
@@ -165,87 +164,88 @@ def found_in_batches(
     before: Any = None,
     **options: Any,
 ) -> Iterator[DeconvolutionResult]:
-    """`deconvolve_series` of frames that have a background and a sensitivity each.
+    """Deconvolve a series whose frames have their own backgrounds and sensitivities.
 
-    Frames of a batch in which other pixels are left out are found apart: pixels are weighted alike
-    in frames that are found together. All of them begin with the volume before the batch.
+    Frames of a batch with different excluded pixels are deconvolved separately, because frames
+    deconvolved together share their pixel weights. All begin with the volume before the batch.
     """
     series = iter(frames)
     last = None if before is None else real_array(before, "before")
-    while some := list(islice(series, batch)):
-        begun = None if last is None else start.volumes(last, len(some))
+    while frames_of_batch := list(islice(series, batch)):
+        initial = None if last is None else start.volumes(last, len(frames_of_batch))
         first = 0
-        for alike in _alike(some):
-            part = begun
-            if begun is not None and len(begun) > 1:
-                part = begun[first : first + len(alike)]
-            for one in _found(alike, projector, part, _in_time(options, last, len(alike))):
-                last = one.volume
-                yield one
-            first += len(alike)
+        for group in _groups(frames_of_batch):
+            part = initial
+            if initial is not None and len(initial) > 1:
+                part = initial[first : first + len(group)]
+            time_options = _time_options(options, last, len(group))
+            for result in _deconvolved(group, projector, part, time_options):
+                last = result.volume
+                yield result
+            first += len(group)
 
 
-def _in_time(options: dict[str, Any], last: Vector | None, frames: int) -> dict[str, Any]:
-    """Options with the volume before, where the prior compares frames."""
+def _time_options(options: dict[str, Any], last: Vector | None, frames: int) -> dict[str, Any]:
+    """Add the previous volume to the options if the prior compares frames."""
     if options.get("prior") != "time":
         return options
-    if last is None and frames == 1:  # the first frame, alone: there is nothing to compare
+    if last is None and frames == 1:  # a single first frame has no frame to compare with
         return options | {"prior": None}
     return options | {"before": last}
 
 
-def _found(
+def _deconvolved(
     frames: list[SeriesFrame],
     projector: VolumeProjector,
     start: Vector | None,
     options: dict[str, Any],
 ) -> Iterator[DeconvolutionResult]:
     shape = frames[0].counts.shape
-    dim = np.stack([np.broadcast_to(np.asarray(one.background), shape) for one in frames])
-    counts = np.stack([one.counts for one in frames])
-    found = deconvolve(
-        counts, projector, background=dim, white=frames[0].white, start=start, **options
+    background = np.stack([np.broadcast_to(np.asarray(f.background), shape) for f in frames])
+    counts = np.stack([frame.counts for frame in frames])
+    results = deconvolve(
+        counts, projector, background=background, white=frames[0].white, start=start, **options
     )
-    for volume, residuals in zip(found.volume, found.residuals, strict=True):
-        yield replace(found, volume=volume, residuals=residuals)
+    for volume, residuals in zip(results.volume, results.residuals, strict=True):
+        yield replace(results, volume=volume, residuals=residuals)
 
 
-def _alike(frames: list[SeriesFrame]) -> Iterator[list[SeriesFrame]]:
-    """Neighbouring frames of the same shape and sensitivity."""
+def _groups(frames: list[SeriesFrame]) -> Iterator[list[SeriesFrame]]:
+    """Yield runs of successive frames with equal shape and sensitivity."""
     group = [frames[0]]
-    for one in frames[1:]:
-        if not _same(one, group[-1]):
+    for frame in frames[1:]:
+        if not _share_pixels(frame, group[-1]):
             yield group
             group = []
-        group.append(one)
+        group.append(frame)
     yield group
 
 
-def _same(one: SeriesFrame, other: SeriesFrame) -> bool:
-    if one.counts.shape != other.counts.shape:
+def _share_pixels(first: SeriesFrame, second: SeriesFrame) -> bool:
+    if first.counts.shape != second.counts.shape:
         return False
-    if one.white is None or other.white is None:
-        return one.white is other.white
-    return one.white is other.white or np.array_equal(one.white, other.white)
+    if first.white is None or second.white is None:
+        return first.white is second.white
+    return first.white is second.white or np.array_equal(first.white, second.white)
 
 
 def rolling_minimum(frames: Iterable[Any], window: int) -> Iterator[tuple[Vector, Vector]]:
     """Yield each frame of a series with the minimum of its pixels over ``window`` frames about it.
 
-    What is always there, haze and a slowly changing autofluorescence, stays in the minimum; what is
-    brighter at times stands above it. The minimum of N counts with the noise s lies below their
-    mean by about s sqrt(2 ln N), so that the background is estimated too low rather than too high.
+    The minimum contains static light, such as haze and slowly changing autofluorescence, but not
+    transient light. The minimum of N counts with noise s lies about s sqrt(2 ln N) below their
+    mean, so that the background is underestimated rather than overestimated.
     """
     window = positive_integer(window, "window")
     ahead = (window - 1) // 2
-    series, held, before = iter(frames), deque[Vector](), 0  # frames held before the next one
+    series, queue, before = iter(frames), deque[Vector](), 0  # queued frames before the next frame
     while True:
-        missing = before + 1 + ahead - len(held)
-        held.extend(host_array(frame, "A frame") for frame in islice(series, missing))
-        if before == len(held):
+        missing = before + 1 + ahead - len(queue)
+        queue.extend(host_array(frame, "A frame") for frame in islice(series, missing))
+        if before == len(queue):
             return
-        yield held[before], np.minimum.reduce(held)
+        yield queue[before], np.minimum.reduce(queue)
         before += 1
         if before > window // 2:
-            held.popleft()
+            queue.popleft()
             before -= 1

@@ -125,13 +125,13 @@ def test_another_pitch_and_a_smaller_pupil_are_told(
     words = ("deconvolve", tmp_path / "f.tif", "-c", psf, "--device", device.place)
     words += ("--white", tmp_path / "w.tif", "--iterations", 8)
     text = done(run(*words, "-o", tmp_path / "v.ome.tif")).output
-    assert "lenslets lie 11.25 pixels apart, 11.04 by the parameters: 1.9" in text
+    assert "lenslet pitch is 11.25 pixels, 11.04 by the parameters: 1.9" in text
     assert "model pupil against white frame: 1" in text
     assert "NA 0.47" in text
     _, about = read_volume(tmp_path / "v.ome.tif")
     assert any("model pupil" in one for one in about["remarks"])
     text = done(run(*words, "--radiometric", "-o", tmp_path / "r.ome.tif")).output
-    assert "the sensitivity of pixels holds it (radiometric)" in text
+    assert "the pixel sensitivity corrects it (radiometric)" in text
     changed = read_volume(tmp_path / "r.ome.tif")[1]
     assert changed["residuals"][-1] != about["residuals"][-1]
     assert changed["job"]["radiometric"] is True
@@ -144,8 +144,8 @@ def test_a_told_lattice(tmp_path: Path, psf: Path, device: Device) -> None:
     tifffile.imwrite(tmp_path / "f.tif", wide)
     words = ("deconvolve", tmp_path / "f.tif", "-c", psf, "--device", device.place)
     words += ("--iterations", 5, "-o", tmp_path / "v.ome.tif")
-    assert "no whole number of lenslets" in said(run(*words))
-    assert "or its lattice" in said(run(*words))
+    assert "must be a whole number of lenslets" in said(run(*words))
+    assert "or the lattice" in said(run(*words))
     text = done(run(*words, "--pitch", 11, "--offset", "8:10")).output
     assert "2 x 12 x 13 voxels" in text
     square_lattice(11.0, wide.shape, offset=(8, 10)).save(tmp_path / "l.json")
@@ -160,9 +160,9 @@ def test_bad_words(tmp_path: Path, psf: Path, device: Device) -> None:
     given = ("deconvolve", tmp_path / "f.tif", "-c", psf, "-o", out, "--device", device.place)
     for words, message in [
         (("--pitch", "nan"), "must be a positive number"),
-        (("--pitch", "2"), "3 pixels or more"),
+        (("--pitch", "2"), "at least 3 pixels"),
         (("--pitch", "1e9"), "do not fit"),
-        (("--pitch", "20"), "would step over light"),
+        (("--pitch", "20"), "fewer would lose light"),
         (("--pitch", "11", "--offset", "8"), "must be two finite numbers, got 8"),
         (("--pitch", "11", "--rotation", "inf"), "must be a finite number"),
         (("--pitch", "11", "--rotation", "120"), "less than 90 degrees"),
@@ -180,7 +180,7 @@ def test_files_that_are_no_lattice_or_mask(tmp_path: Path, psf: Path, device: De
     tiny = json.loads(Lattice("square", (5, 5), (11, 0), (0, 11)).to_json())
     texts = {
         "cannot be read": b"\xff\xfe\0",
-        "are none": json.dumps(tiny | {"row": [1e-7, 0], "column": [0, 1e-7]}).encode(),
+        "at least 3 pixels": json.dumps(tiny | {"row": [1e-7, 0], "column": [0, 1e-7]}).encode(),
         "and the lattice": json.dumps(tiny | {"shape": [100, 100]}).encode(),
     }
     for words, content in texts.items():
@@ -212,6 +212,6 @@ def test_hot_pixels_and_masks(tmp_path: Path, psf: Path, device: Device) -> None
         text = done(run(*given, "--iterations", 10, "--device", device.place, *words)).output
         residuals[name] = read_volume(out)[1]["residuals"][-1]
         assert ("30 hot pixels" in text) == (name == "found")
-        assert ("30 pixels are left out by the mask" in text) == (name == "masked")
+        assert ("30 pixels are excluded by the mask" in text) == (name == "masked")
     for name in ("found", "masked"):
         assert residuals[name] == pytest.approx(residuals["clean"], rel=0.1)

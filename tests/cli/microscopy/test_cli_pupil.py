@@ -99,7 +99,7 @@ def test_bad_words(folder):
         (("beads.tif", "-c", "none.toml", *WORDS), "none.toml"),
         (("beads.tif", "-c", "scope.toml", "--planes-um", "1:2"), "START:STOP:N"),
         (("beads.tif", "-c", "scope.toml", *WORDS, "--terms", "a,b"), "of Noll's indices"),
-        (("beads.tif", "-c", "scope.toml", *WORDS, "--terms", "3,5"), "fit terms from 5 on"),
+        (("beads.tif", "-c", "scope.toml", *WORDS, "--terms", "3,5"), "must be from 5 on"),
         (("beads.tif", "-c", "scope.toml", *WORDS, "--gain", "-1"), "must be a positive number"),
         (("beads.tif", "-c", "scope.toml", *WORDS, "--haze"), "--haze needs the white frame"),
         (("beads.tif", "-c", "scope.toml", *WORDS, "-o", "found.txt"), ".toml"),

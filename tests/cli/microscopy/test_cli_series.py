@@ -186,5 +186,5 @@ def test_what_is_refused_before_anything_is_written(
     shutil.rmtree(out)
     tifffile.imwrite(tmp_path / "other.tif", np.ones((30, 45), np.uint16))
     words = words_of(folder, device, "-o", out)
-    assert "other.tif has another size" in said(run(*words, tmp_path / "other.tif"))
+    assert "other.tif must have the size" in said(run(*words, tmp_path / "other.tif"))
     shutil.rmtree(out)
