@@ -46,7 +46,7 @@ def test_heaps_before_and_behind_a_hole(tmp_path: Path):
             file.write(heap)
             file.truncate((1 << 30) + 64)
         with path.open("rb") as file:
-            (first, end), *rest = hdf5_safety._stored(file.fileno(), path.stat().st_size)
+            (first, end), *rest = hdf5_safety._extents(file.fileno(), path.stat().st_size)
         assert first <= place < place + len(mark) <= max([end, *(last for _, last in rest)])
         if place > size:
             with pytest.raises(FormatError, match=f"byte {place:,} are damaged"):

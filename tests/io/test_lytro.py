@@ -219,7 +219,7 @@ def test_a_container_becomes_a_light_field(tmp_path: Path, device: Device):
 
 
 def test_too_many_sections(tmp_path: Path, monkeypatch):
-    monkeypatch.setattr(lytro_container, "_MOST", 3)
+    monkeypatch.setattr(lytro_container, "_MAX_SECTIONS", 3)
     empty = b"\x89LFC\r\n\x1a\n" + bytes(8)
     (tmp_path / "a.lfp").write_bytes(START + 4 * empty)
     with pytest.raises(FormatError, match="more than 3 sections"):

@@ -237,7 +237,7 @@ def test_a_lattice_is_sought_once(tmp_path: Path, monkeypatch, device: Device):
     next((tmp_path / "lattices").rglob("*.json")).write_text("{")
     with pytest.raises(AssertionError, match="sought again"):
         read_lightfield(path, device=device)
-    assert lenslet_frames.kept_lattice is lattice_cache.kept_lattice
+    assert lenslet_frames.cached_lattice is lattice_cache.cached_lattice
 
 
 def test_a_damaged_note_of_a_calibration_is_ignored(tmp_path: Path):

@@ -71,7 +71,7 @@ def test_a_focal_stack_is_read_in_parts(
     data = values(2, 1030, 3, 3)  # two chunks high
     stack = FocalStack(device.upload(data), device, np.arange(2.0), np.ones(2))
     write_stack(tmp_path / "a.zarr", stack)
-    monkeypatch.setattr(picture_series, "_BLOCK", 1)
+    monkeypatch.setattr(picture_series, "_BLOCK_BYTES", 1)
     np.testing.assert_array_equal(read_stack(tmp_path / "a.zarr", device=device).to_numpy(), data)
 
 

@@ -15,7 +15,7 @@ from clplen.batch.work.product_files import SUFFIXES, Product
 from clplen.batch.work.resources import Resources
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.config.setting_tables import take_settings
-from clplen.io.results.volume_series import count_whole, series_in
+from clplen.io.results.volume_series import count_complete, series_in
 from clplen.io.store.digest import digest
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.microscopy.deconvolution_files import read_picture, read_psf, write_result
@@ -91,7 +91,7 @@ def _write_series(
     words = words_of_series(pages, deconvolver.words, deconvolver.begin.words, how.rolling)
     about, records = series_in(path)
     is_same = about.get("job") == words and how.batch in (None, about.get("batch"))
-    if is_same and count_whole(path) == len(pages) and path.exists():
+    if is_same and count_complete(path) == len(pages) and path.exists():
         return
     batch = about["batch"] if is_same and records else None
     writer = SeriesWriter(path, pages, deconvolver, words, batch=batch)

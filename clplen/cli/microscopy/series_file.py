@@ -55,13 +55,13 @@ def check(
 
 def write(asked: Asked, words: dict[str, Any], opened: Callable[[], Deconvolver]) -> None:
     """Write the volumes that are missing; ``words`` are what they depend on."""
-    from clplen.io.results.volume_series import count_whole, series_in
+    from clplen.io.results.volume_series import count_complete, series_in
     from clplen.microscopy.series_files import Remarks, SeriesWriter
 
     about, records = series_in(asked.output)
     count = len(asked.pages)
     go_on = bool(records) and _is_same(asked, about, words, len(records))
-    if go_on and count_whole(asked.output) == count and asked.output.exists():
+    if go_on and count_complete(asked.output) == count and asked.output.exists():
         click.echo(f"{asked.output} is there already, of the same frames and words.")
         return
     series = opened()

@@ -294,7 +294,7 @@ def own_source(
     spacing = attributes.spacing_in(found, source.path)
     if spacing is not None:  # positions stay where they are, and so does their unit
         known["spacing"] = spacing if placed else layout.oriented_spacing(spacing)
-    return OpenSource(source, device, layout, known, attributes.words_in(found, source.path))
+    return OpenSource(source, device, layout, known, attributes.choices_in(found, source.path))
 
 
 def _stored_weights(source: Source, layout: Layout, stored: StoredLightField, known: Any) -> Array:

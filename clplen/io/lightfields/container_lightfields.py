@@ -31,7 +31,7 @@ import numpy as np
 from clplen.compute.device import Device
 from clplen.errors import FormatError, argument
 from clplen.files import PathLike
-from clplen.hdf5_safety import require_own
+from clplen.hdf5_safety import require_internal
 from clplen.io.formats.untrusted import reading
 from clplen.io.lightfields.array_sources import (
     OpenSource,
@@ -205,14 +205,14 @@ def write_container(path: PathLike, lf: LightField) -> None:
     with ExitStack() as files:
         container: Container
         if Path(path).suffix.lower() == zarr_files.SUFFIX:
-            container = files.enter_context(zarr_files.created_store(path))
+            container = files.enter_context(zarr_files.create_zarr(path))
         else:
-            container = HDF5Container(files.enter_context(hdf5_files.created(path)), path)
+            container = HDF5Container(files.enter_context(hdf5_files.create_hdf5(path)), path)
         line = math.prod((lf.shape[1], *lf.shape[3:])) * lf.dtype.itemsize
         chunks = (1, lf.shape[1], min(lf.shape[2], max(_CHUNK // line, 1)), *lf.shape[3:])
         with lf.device.on_host(lf.data, write=False) as values:
-            container.write(SAMPLES, values, chunks=chunks, **attributes.of_samples(lf))
-        for name, array in attributes.arrays_beside(lf).items():
+            container.write(SAMPLES, values, chunks=chunks, **attributes.sample_attributes(lf))
+        for name, array in attributes.companion_arrays(lf).items():
             container.write(name, array)
         write_camera(container, lf.camera)
 
@@ -228,7 +228,7 @@ def open_hdf5(path: Path, *, device: Device, layout: Layout) -> Iterator[OpenSou
     with ExitStack() as files:
         with reading(path):
             file = files.enter_context(h5py.File(path, "r"))
-            require_own(file, path)
+            require_internal(file, path)
             if layout.dataset is None and is_raw(file):
                 raise FormatError(
                     f"{path} holds a raw image, not a light field: 'clplen render', 'stack' and "
@@ -242,7 +242,7 @@ def open_hdf5(path: Path, *, device: Device, layout: Layout) -> Iterator[OpenSou
 @contextmanager
 def open_zarr(path: Path, *, device: Device, layout: Layout) -> Iterator[OpenSource]:
     """Open a light field in Zarr, as `open_hdf5` does."""
-    with zarr_files.opened_store(path, "use .h5", max_bytes=layout.max_bytes) as root:
+    with zarr_files.open_checked(path, "use .h5", max_bytes=layout.max_bytes) as root:
         with reading(path):
             found = _open_source(ZarrContainer(root, path), path, device, layout)
         yield found
@@ -254,7 +254,7 @@ def _open_source(container: Container, path: Path, device: Device, layout: Layou
     if array.name != SAMPLES:
         return OpenSource(source, device, layout)
     beside = {}
-    for name in attributes.BESIDE:
+    for name in attributes.COMPANIONS:
         stored = container.array(name)
         if stored is not None:
             stored.require_numbers(2 * source.views[0] * source.views[1])

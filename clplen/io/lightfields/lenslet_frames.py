@@ -18,8 +18,8 @@ from clplen.io.formats.picture import linear
 from clplen.io.formats.untrusted import require_room
 from clplen.io.lightfields.layout import Layout
 from clplen.io.lightfields.view_positions import positions_of
-from clplen.io.raw.lattice_cache import kept_lattice
-from clplen.io.raw.raw_files import read_beside, read_lattice, require_decoding
+from clplen.io.raw.lattice_cache import cached_lattice
+from clplen.io.raw.raw_files import read_companion, read_lattice, require_decoding
 from clplen.io.raw.sensor_tiff import sensor_tags
 from clplen.lightfield.calibration.lattice_fit import visible_lattice
 from clplen.lightfield.calibration.lattice_trust import (
@@ -156,7 +156,7 @@ def _beside(
     """A picture that belongs to the frame."""
     if source is None:
         return None
-    picture, _ = read_beside(source, what, frame, path, max_bytes=layout.max_bytes)
+    picture, _ = read_companion(source, what, frame, path, max_bytes=layout.max_bytes)
     return linear(picture) if layout.srgb else picture
 
 
@@ -208,12 +208,12 @@ def _lattice(
         given = read_lattice(layout.grid, (int(frame.shape[0]), int(frame.shape[1])))
         if white is not None and layout.white is not None:
             with naming(layout.white):
-                _require_same(given, kept_lattice(white, **search), layout)
+                _require_same(given, cached_lattice(white, **search), layout)
         return given, f"of {layout.grid}"
     if white is not None and layout.white is not None:
         found = lattice_of_white(
             white, layout.white, frame=frame, path=path, force=trusted, error=FormatError,
-            estimate=kept_lattice, **search,
+            estimate=cached_lattice, **search,
         )  # fmt: skip
         return found, f"of the white image {layout.white}"
     with naming(path):
@@ -221,7 +221,7 @@ def _lattice(
             seen = visible_lattice(frame, **words)
             if seen is not None and abs(seen.neighbour / pitch - 1) < _NEAR:
                 return seen, _ITSELF
-        found = kept_lattice(frame, **search)
+        found = cached_lattice(frame, **search)
     if found.trust == "low":
         if not (found.is_measured and layout.trust_lattice):
             trust = f", or {argument('trust_lattice', True)} to take what was found"

@@ -19,10 +19,10 @@ from clplen.io.lightfields.layout import Layout
 from clplen.io.lightfields.lenslet_frames import Capture, decode_frame
 from clplen.io.raw.lytro_calibration import (
     WhiteImage,
+    calibration_advice,
     choose_white_image,
     find_calibration,
     is_far,
-    no_calibration,
     read_white_images,
     remember_calibration,
 )
@@ -59,7 +59,7 @@ def read_lytro(
     except (FormatError, ShapeError) as error:
         if layout.white is not None or layout.grid is not None:
             raise
-        raise FormatError(no_calibration(path, metadata)) from error
+        raise FormatError(calibration_advice(path, metadata)) from error
     return lf, ", ".join([took, *said])
 
 
