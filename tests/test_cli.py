@@ -277,7 +277,7 @@ def test_missing_and_broken_views_are_listed(tmp_path: Path, views: Path):
     assert "(v=1, u=2); --allow-missing gives them weight 0." in message
     assert run("stack", views, "-o", tmp_path / "s.tif", "--allow-missing").exit_code == 0
     (views / "a_1_2.png").write_bytes(b"\x89PNG\r\n")
-    assert "a_1_2.png cannot be read" in said(run("stack", views, "-o", tmp_path / "s.tif"))
+    assert "a_1_2.png is unreadable" in said(run("stack", views, "-o", tmp_path / "s.tif"))
 
 
 def test_an_output_that_cannot_be_written_is_found_before_computing(
@@ -286,7 +286,7 @@ def test_an_output_that_cannot_be_written_is_found_before_computing(
     for command in ("stack", "depth"):
         monkeypatch.setattr("clplen.io.read_lightfield", lambda *_, **__: pytest.fail("computed"))
         message = said(run(command, views, "-o", tmp_path / "nowhere" / "s.tif"))
-        assert "there is no folder" in message
+        assert "does not exist" in message
         assert "ends in .p" in said(run("depth", views, "-o", tmp_path / "s.jpg"), 2)
         assert "ends in .tif" in said(run("stack", views, "-o", tmp_path / "s.png"), 2)
 

@@ -332,7 +332,9 @@ def words_of(layout: dict[str, Any]) -> dict[str, Any]:
     """The words of layout that were given."""
     from clplen.io.lightfields.layout import Layout
 
-    return {name: value for name, value in Layout(**layout).given().items() if name != "force"}
+    return {
+        name: value for name, value in Layout(**layout).user_options().items() if name != "force"
+    }
 
 
 def option_words(given: dict[str, Any]) -> list[str]:

@@ -111,7 +111,7 @@ def test_an_output_folder_that_vanishes(
     assert len(summary.failed) >= 1  # what was done before
     assert summary.unsaved == ""
     for said in summary.failed.values():
-        assert "cannot be written" in said or "vanished" in said
+        assert "Cannot write" in said or "vanished" in said
     whole = [file for file in files if file.stem not in summary.failed]
     assert batchworks.wrong_outputs(out, whole, device) == []
     monkeypatch.undo()

@@ -50,5 +50,5 @@ def test_types_of_pictures(tmp_path: Path):
         mask = np.random.default_rng(3).random(shape) > 0.5
         write_picture(tmp_path / "a.tif", mask)
         np.testing.assert_array_equal(read_picture(tmp_path / "a.tif"), mask.astype(np.uint8))
-    with pytest.raises(ValueError, match="real numbers, not complex64"):
+    with pytest.raises(ValueError, match="real numbers, got complex64"):
         write_picture(tmp_path / "a.tif", np.zeros((2, 3), np.complex64))

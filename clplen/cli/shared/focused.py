@@ -109,8 +109,7 @@ _PLANES = click.option(
     cls=Option,
     group=FOCUSED,
     type=Magnifications(),
-    help="Planes in focus by m = b/a, START:STOP:N or 0.1,0.2; default: "
-    "11 that suit it.",
+    help="Planes in focus by m = b/a, START:STOP:N or 0.1,0.2; default: 11 that suit it.",
 )
 picture_words = _with(
     click.option(
@@ -175,7 +174,7 @@ def is_meant(source: Path, words: dict[str, Any]) -> bool:
     if not given:
         return False
     kind = kind_of(source)
-    if "white" not in kind.words:
+    if "white" not in kind.options:
         raise click.UsageError(f"--{given[0]} is for {_SUCH}; {source} is {kind.name}.")
     return True
 

@@ -34,7 +34,7 @@ def write_animation(path: PathLike, pictures: Iterable[ArrayLike], *, seconds: f
     path : path-like
         ``.gif``, or ``.mp4`` with ``pip install "clplen[video]"``.
     pictures : iterable of array_like
-        At least one picture, all uint8 of equal shape (y, x) or (y, x, 3). A GIF has 256 colours
+        Pictures (one or more), all uint8 of equal shape (y, x) or (y, x, 3). A GIF has 256 colours
         per picture: colours are dithered to 32 levels each, greys are kept. MP4 is H.264 in
         yuv420p, BT.709; an odd number of rows or columns is made even by repeating the last one.
     seconds : float

@@ -275,7 +275,7 @@ def _decoded(content: bytes | mmap, path: Path, max_bytes: int | None) -> Array:
         return _pnm(content)
     if header.deep:
         return decode_png16(content)
-    return _by_pillow(content, header)
+    return _decode_with_pillow(content, header)
 
 
 def _pnm(content: bytes) -> Array:
@@ -287,7 +287,7 @@ def _pnm(content: bytes) -> Array:
     return values[..., 0] if shape[2] == 1 else values
 
 
-def _by_pillow(content: bytes, header: Header) -> Array:
+def _decode_with_pillow(content: bytes, header: Header) -> Array:
     if header.pixels > _MAX_PILLOW_PIXELS:
         raise ValueError(
             f"{header.pixels:,} pixels exceed Pillow's limit of {_MAX_PILLOW_PIXELS:,}: write it "

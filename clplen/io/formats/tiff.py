@@ -24,7 +24,7 @@ from clplen.io.formats.untrusted import DEFLATE, Bound
 # Largest ratio of each compression (TIFF 6.0 and Adobe's supplements): none, LZW (a code of 12 bits
 # stands for at most 4096 growing strings), JPEG, deflate twice, PackBits.
 _MAX_RATIO = {1: 1.0, 5: 2560.0, 7: 2048.0, 8: DEFLATE, 32946: DEFLATE, 32773: 64.0}
-_BY_PILLOW = (5, 7)  # without tifffile's optional codecs
+_PILLOW_COMPRESSIONS = (5, 7)  # without tifffile's optional codecs
 _DEFLATED = (8, 32946)
 _PALETTE = 3
 _MAX_COPY = 64 << 20  # bytes that Pillow may copy in addition to 32 per byte of the picture
@@ -164,7 +164,7 @@ def _values(
     try:
         values = page.asarray()
     except ValueError as error:
-        if page.compression not in _BY_PILLOW or "imagecodecs" not in str(error):
+        if page.compression not in _PILLOW_COMPRESSIONS or "imagecodecs" not in str(error):
             raise
         if len(content) > 32 * page.nbytes + _MAX_COPY:
             raise ValueError(

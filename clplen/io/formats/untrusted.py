@@ -25,7 +25,7 @@ ZIP = b"PK\3\4"
 MATLAB = b"MATLAB"
 MATLAB_SUFFIXES = (".mat",)
 LYTRO = b"\x89LFP\r\n\x1a\n"
-LYTRO_DESCRIBED = (".json", ".raw")  # files that other tools extract from a container
+LYTRO_SUFFIXES = (".json", ".raw")  # files that other tools extract from a container
 RAYTRIX = b"<RayCalibData"
 RAYTRIX_SUFFIXES = (".xml", ".ray")
 

@@ -109,7 +109,7 @@ def read_white_images(path: PathLike) -> list[WhiteImage]:
             f"{path} has no white images of a Lytro camera: give a folder, tar archive or volumes "
             "data.C.0, data.C.1, ... with files MOD_0000.RAW and MOD_0000.TXT."
         )
-    return sorted(_bright(white_images), key=lambda image: image.name)
+    return sorted(_long_exposures(white_images), key=lambda image: image.name)
 
 
 def choose_white_image(
@@ -131,7 +131,7 @@ def choose_white_image(
            or i.metadata.serial == metadata.serial]  # fmt: skip
     named = [image for image in candidates if image.metadata.references & metadata.references]
     if named:
-        return _only(named, picture, calibration)
+        return _unique_image(named, picture, calibration)
     if len(candidates) == 1:
         return candidates[0]
     if metadata.zoom_step is None:
@@ -149,7 +149,7 @@ def choose_white_image(
             for i, distance in zip(candidates, distances, strict=True)
             if distance == min(distances)
         ]
-    return _only(candidates, picture, calibration)
+    return _unique_image(candidates, picture, calibration)
 
 
 def find_calibration(metadata: LytroMetadata, path_argument: PathLike | None) -> Path | None:
@@ -208,7 +208,7 @@ def _distance(value: float | None, target: float | None) -> float:
     return float("inf") if value is None or target is None else abs(value - target)
 
 
-def _only(images: list[WhiteImage], picture: PathLike, calibration: PathLike) -> WhiteImage:
+def _unique_image(images: list[WhiteImage], picture: PathLike, calibration: PathLike) -> WhiteImage:
     """Return the first of several identical white images; raise FormatError if they differ."""
     first = images[0]
     other = next((i for i in images[1:] if i.read_bytes() != first.read_bytes()), None)
@@ -220,7 +220,7 @@ def _only(images: list[WhiteImage], picture: PathLike, calibration: PathLike) ->
     )
 
 
-def _bright(images: list[WhiteImage]) -> list[WhiteImage]:
+def _long_exposures(images: list[WhiteImage]) -> list[WhiteImage]:
     """Return the images of long exposure: F01 calibrations have a dark one for each setting."""
     times = [i.metadata.exposure for i in images if i.metadata.exposure is not None]
     if not times or max(times) < 2 * min(times):

@@ -86,7 +86,7 @@ def _read_container(
     if image is None:
         raise FormatError(
             f"{path} has no raw image, only {_listing(_titles(sections, table))}: use the original "
-            f"file of the camera{_offer(path, table)}."
+            f"file of the camera{_raw_image_advice(path, table)}."
         )
     parts: list[dict[str, Any]] = []
     for key, what in (("metadataRef", "metadata"), ("privateMetadataRef", "private metadata")):
@@ -150,7 +150,7 @@ def _picture_entry(table: dict[str, Any]) -> dict[str, Any]:
     return picture if isinstance(picture, dict) else {}
 
 
-def _offer(path: Path, table: dict[str, Any]) -> str:
+def _raw_image_advice(path: Path, table: dict[str, Any]) -> str:
     """Return advice for finding the raw image and for saving the pictures of the container."""
     raw = path.with_name(re.sub(r"-(stk|dm)$", "", path.stem) + path.suffix)
     hint = f" ({raw.name} is in the same folder)" if raw != path and raw.is_file() else ""

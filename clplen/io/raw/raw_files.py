@@ -25,7 +25,7 @@ from clplen.io.formats.picture import read_picture, without_alpha
 from clplen.io.formats.tiff import read_tiff_frame
 from clplen.io.formats.untrusted import (
     LYTRO,
-    LYTRO_DESCRIBED,
+    LYTRO_SUFFIXES,
     RAYTRIX_SUFFIXES,
     require_room,
 )
@@ -228,7 +228,7 @@ def read_frame(
         raise FormatError(f"frame= requires a TIFF with several frames; {path} has one frame.")
     with path.open("rb") as file:
         lytro = file.read(8) == LYTRO
-    if lytro or path.suffix.lower() in (*LYTRO_DESCRIBED, ".txt"):
+    if lytro or path.suffix.lower() in (*LYTRO_SUFFIXES, ".txt"):
         return read_container(path, max_bytes=max_bytes)
     if path.suffix.lower() not in picture.SUFFIXES:
         raise FormatError(

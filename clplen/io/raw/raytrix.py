@@ -207,17 +207,17 @@ class RaytrixCalibration:
         """Return two vectors between lenses of a type."""
         width, height = (abs(side) for side in rectangle)
         (ax, ay), (bx, by) = self.lens_base_x, self.lens_base_y
-        each = width * height / abs(ax * by - ay * bx) / len(self.lens_types)
+        lenses_per_type = width * height / abs(ax * by - ay * bx) / len(self.lens_types)
         for count, row in ((1, (0.0, height)), (2, (width / 2, height / 2))):
             if (
-                abs(each - count) < _MAX_DEVIATION
+                abs(lenses_per_type - count) < _MAX_DEVIATION
                 and self._is_lens(row)
                 and self._is_lens((width, 0))
             ):
                 return row, (width, 0.0)
         raise ValueError(
             f"sub_grid_base of {width:g} x {height:g} lenses must contain one or two lenses of "
-            f"each of {len(self.lens_types)} types, got {each:.2f}."
+            f"each of {len(self.lens_types)} types, got {lenses_per_type:.2f}."
         )
 
     def _is_lens(self, position: Vector) -> bool:

@@ -166,9 +166,9 @@ def open_volumes(
     Parameters
     ----------
     paths : path-like or sequence of path-like
-        One or several files in time order, with a single channel. OME-TIFF or ImageJ TIFF with axes
-        T and Z; other TIFFs, whose pages are the planes of a time point; OME-Zarr with axes t and
-        z; ``.npy`` of shape (t, z, y, x) or (z, y, x).
+        Files in time order, with a single channel: OME-TIFF or ImageJ TIFF with axes T and Z; other
+        TIFFs, whose pages are the planes of a time point; OME-Zarr with axes t and z; ``.npy`` of
+        shape (t, z, y, x) or (z, y, x).
     max_bytes : int, optional
         Largest allocation for a volume; default half of the free memory.
 
@@ -189,10 +189,10 @@ def open_volumes(
     >>> clplen.io.open_volumes("series.npy")
     <StoredVolumes: 7 times, (z, y, x) = (5, 16, 24)>
     """
-    several = [paths] if isinstance(paths, str) or hasattr(paths, "__fspath__") else list(paths)
-    if not several:
+    path_list = [paths] if isinstance(paths, str) or hasattr(paths, "__fspath__") else list(paths)
+    if not path_list:
         raise ValueError("paths must contain at least one file.")
-    files = tuple(_layout(Path(path), max_bytes) for path in several)
+    files = tuple(_layout(Path(path), max_bytes) for path in path_list)
     for file in files[1:]:
         _compare(files[0], file)
     return StoredVolumes(files, files[0].planes, files[0].voxel)

@@ -55,7 +55,7 @@ _MICROSCOPE = (
 _APODISATION = "apodisation"  # files without it get the default
 _PUPIL = "pupil"  # JSON: Noll's index to metres
 _COVER = ("thickness", "index", "designed_thickness", "designed_index")
-_OF_KIND = {
+_KIND_PARAMETERS = {
     "type1": (*_CAMERA, "field_lens"),
     "type2": (*_CAMERA, "m"),
     "microscope": _MICROSCOPE,
@@ -69,7 +69,7 @@ _MAX_ATTRIBUTE = 60000  # characters; HDF5 limits an attribute to 64 kB
 _MAX_LENSLETS = 10**7  # lenslets with scatter; a few bytes are allocated for each
 CAMERA_NAMES = (
     "kind",
-    *dict.fromkeys(name for names in _OF_KIND.values() for name in names),
+    *dict.fromkeys(name for names in _KIND_PARAMETERS.values() for name in names),
     _ABERRATIONS,
     _PIXELS,
     _LENS_MODEL,
@@ -114,7 +114,7 @@ def camera_attributes(camera: Any) -> dict[str, Any] | None:
     if not is_supported:
         return None
     kind = _KIND[camera.kind]
-    parameters = {name: getattr(camera, name) for name in _OF_KIND[kind]}
+    parameters = {name: getattr(camera, name) for name in _KIND_PARAMETERS[kind]}
     mla, pixels = camera.mla, camera.pixels
     if pixels is not None:
         mla = pixels.unturned(mla)
@@ -200,11 +200,11 @@ def read_camera(
 ) -> Plenoptic1 | Plenoptic2 | Microscope | None:
     """Return the camera of a light field or raw image; None for an unknown kind."""
     kind = str(values.get("kind"))
-    if kind not in _OF_KIND:
+    if kind not in _KIND_PARAMETERS:
         return None
     try:
         mla = {name: values[f"mla_{name}"] for name in _ARRAY}
-        camera = {name: values[name] for name in _OF_KIND[kind]}
+        camera = {name: values[name] for name in _KIND_PARAMETERS[kind]}
         has_cover = f"cover_{_COVER[0]}" in values
         glass = {name: values[f"cover_{name}"] for name in _COVER} if has_cover else None
     except KeyError as error:

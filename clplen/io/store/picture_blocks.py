@@ -110,7 +110,7 @@ def checked_blocks(blocks: Iterable[Block], shape: tuple[int, ...]) -> Generator
 
 def write_rows(file: BinaryIO, values: Array, *, start: int, step: int) -> None:
     """Write a part of a picture at its offset in a file; a memory map would count as memory."""
-    together = values[0].nbytes == step
-    for number, run in enumerate([values] if together else values):
+    is_contiguous = values[0].nbytes == step
+    for number, run in enumerate([values] if is_contiguous else values):
         file.seek(start + number * step)
         file.write(np.ascontiguousarray(run).data)

@@ -162,7 +162,7 @@ def test_outputs_of_others_stay(tmp_path: Path, series: Path) -> None:
     other.write_text("track,frame,z_m\n1,2,3\n")
     for command in (("points",), ("regions",), ("track", "--step-um", 2)):
         text = said(command[0], series, "-o", other, *command[1:])
-        assert "is there already, and clplen did not write it" in text
+        assert "exists already, and clplen did not write it" in text
         assert "--force" in text
     assert other.read_text().startswith("track,frame")
     picture = tmp_path / "v.png"
