@@ -183,7 +183,7 @@ def test_intrinsics_that_do_not_fit(camera: Path, scene: Path, tmp_path: Path):
     message = said(run("depth", tmp_path / "small.npy", *words[2:]))
     assert "The intrinsics are of light fields of shape (v, u, y, x) = (3, 3, 96, 120)" in message
     camera.write_text("{}")
-    assert "is no file of intrinsics" in said(run(*words))
+    assert "is not a file of intrinsics" in said(run(*words))
     assert not (tmp_path / "d.pfm").exists()
 
 

@@ -317,7 +317,7 @@ def test_saved_pictures_replace_no_files_of_others(tmp_path: Path):
         result = run(*words)
         assert result.exit_code == 1, result.output
         assert f"{name} exists already, and clplen did not write it" in result.output
-        assert "--force replaces it" in result.output
+        assert "replace it with --force" in result.output
         assert {path.name: path.read_text() for path in folder.iterdir()} == {name: NOTES}
     assert run(*words, "--force").exit_code == 0
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == files

@@ -88,7 +88,7 @@ def test_files_of_one_time_each(tmp_path, suffix):
     with pytest.raises(FormatError, match="must have equal shapes"):
         open_volumes(paths)
     np.save(tmp_path / "a.npy", VALUES[0])
-    with pytest.raises(FormatError, match=r"Only one of .* has the sizes of its voxels"):
+    with pytest.raises(FormatError, match=r"Only one of .* states its voxels"):
         open_volumes([paths[0], tmp_path / "a.npy"])
 
 

@@ -69,7 +69,7 @@ def test_from_parameters_to_a_volume(tmp_path, device):
     assert bright == [(0, 9, 20), (2, 18, 12)]
     assert about["degenerate_um"] == []
     again = run("microscope", "deconvolve", frame, *words, "-o", out)
-    assert "exists already" in again
+    assert "is there already" in again
     white = ("--white", frame)
     assert "leave the white frame, the lattice" in run(
         "microscope", "deconvolve", frame, *words, *white, "-o", tmp_path / "b.ome.tif", code=1

@@ -106,7 +106,7 @@ def lens_views(pixels: int, pitch: float, views: int, *, centre: float | None = 
         raise ValueError(f"pitch must be at least {MIN_PITCH} pixels, got {pitch!r}.")
     if not 2 <= views <= pitch:
         raise ValueError(
-            f"views must be 2 to {math.floor(pitch)} for lenses of {pitch:.6g} pixels, got {views}."
+            f"Lenses of {pitch:.6g} pixels must have 2 to {math.floor(pitch)} views, got {views}."
         )
     axis = pixels / 2 if centre is None else centre
     if not is_finite(axis):

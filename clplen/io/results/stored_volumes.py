@@ -267,8 +267,8 @@ def _compare(first: StoredFile, other: StoredFile) -> None:
     ):
         if (reference is None) != (other_values is None):
             raise FormatError(
-                f"Only one of {first.path} and {other.path} has the sizes of its {what}: give "
-                "volumes of one series."
+                f"Only one of {first.path} and {other.path} states its {what}: give volumes of one "
+                "series."
             )
         if (
             reference is not None

@@ -112,7 +112,7 @@ def test_a_series_that_was_ended_goes_on(
     assert "b.tif: The frame of shape (20, 30) has no whole number of lenslets" in said(run(*words))
     first = (tmp_path / "a.ome.tif").read_bytes()
     tifffile.imwrite(second, tifffile.imread(frame))
-    assert "a.ome.tif exists already" in done(run(*words)).output
+    assert "a.ome.tif is there already" in done(run(*words)).output
     assert (tmp_path / "a.ome.tif").read_bytes() == first
     resumed, about = read_volume(tmp_path / "b.ome.tif")
     later = describe_series(tmp_path / "a.ome.tif")["residuals"][-1]
@@ -249,7 +249,7 @@ def test_background_is_that_of_a_pixel_of_the_camera(device: Device) -> None:
 BAD: list[tuple[list[str], str, int]] = [
     (["a.tif", "-o", "v.png"], "The output ends in .tif or .tiff or .zarr", 2),
     (["a.tif", "-o", "a.tif"], "is one of the files that are read", 2),
-    (["a.tif", "-o", "a.tif/v.tif"], "is to be a folder, but there is a file", 1),
+    (["a.tif", "-o", "a.tif/v.tif"], "a.tif is a file or a broken link", 1),
     (["a.tif", "-o", "noise.tif"], "exists already, and clplen did not write it", 1),
     (["volume.tif", "-o", "v.tif"], "is a volume, as clplen writes them", 1),
     (["a.tif", "-o", "v.tif", "-c", "known.toml"], "make them by 'clplen microscope psf", 1),

@@ -182,7 +182,7 @@ def test_what_is_refused_before_anything_is_written(
         assert text in said(run(*words_of(folder, device, *more)), code)
     (tmp_path / "s.ome.zarr").mkdir()
     (tmp_path / "s.ome.zarr" / "mine.txt").write_text("mine")
-    assert "no OME-Zarr" in said(run(*words_of(folder, device, "-o", out)))
+    assert "is not an OME-Zarr" in said(run(*words_of(folder, device, "-o", out)))
     shutil.rmtree(out)
     tifffile.imwrite(tmp_path / "other.tif", np.ones((30, 45), np.uint16))
     words = words_of(folder, device, "-o", out)

@@ -151,7 +151,7 @@ def test_bad_volumes(tmp_path: Path, series: Path) -> None:
     )
     np.save(tmp_path / "small.npy", volume(0)[:, 1:])
     text = said("track", tmp_path / "nan.npy", tmp_path / "small.npy", "-o", out, "--step-um", 1)
-    assert "the volumes of a series have one shape" in text
+    assert "volumes of a series must have equal shapes" in text
     assert "--time 7 is not there" in said("points", series, "-o", out, "--time", 7)
     assert "is no time" in said("points", series, "-o", out, "--time", "last")
     assert not out.exists()
