@@ -110,7 +110,7 @@ def test_tiff_that_is_no_single_picture():
     grey, colours = {"photometric": "minisblack"}, np.zeros((3, 256), np.uint16)
     for content, message in (
         (tiff(np.zeros((3, 20, 30), np.uint8), **grey), "it must have one picture, got 3"),
-        (tiff(np.ones((4, 5), np.complex64), **grey), "samples of real samples, got complex64"),
+        (tiff(np.ones((4, 5), np.complex64), **grey), "must have real samples, got complex64"),
         (tiff(values(), photometric="palette", colormap=colours), "it has a colour table"),
         (tiff(values(), **grey, compression="lzma"), "34925; write it with deflate or none"),
     ):

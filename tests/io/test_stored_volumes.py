@@ -24,7 +24,7 @@ def same(series, expected=VALUES):
         assert np.array_equal(found, known)
     assert np.array_equal(series[2], expected[2])
     assert np.array_equal(series[-1], expected[-1])
-    with pytest.raises(IndexError, match=f"has {len(expected)} times"):
+    with pytest.raises(IndexError, match=f"must be less than {len(expected)}"):
         series[len(expected)]
 
 

@@ -242,7 +242,7 @@ def test_positions_are_written_in_names(tmp_path: Path, device: Device):
 def test_what_is_not_written(folder: Path, device: Device):
     lf = LightField.from_array(samples(), device=device)
     for pattern in ["a_{v}", "a_{v}_{u}_{n}", "{v}/{u}"]:
-        with pytest.raises(ValueError, match="pattern must have"):
+        with pytest.raises(ValueError, match="pattern must"):
             write_views(folder / "out", lf, pattern=pattern)
         assert not (folder / "out").exists()
     with pytest.raises(FileExistsError, match="exists already and is not empty"):
