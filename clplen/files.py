@@ -1,4 +1,4 @@
-"""Files that are either written whole or not at all."""
+"""Atomic output: a file or folder is written completely or not at all."""
 
 from __future__ import annotations
 
@@ -16,63 +16,63 @@ from clplen.errors import FormatError, ShapeError
 from clplen.interrupts import unfinished
 
 PathLike = str | os.PathLike[str]
-_ERRNO = re.compile(r"errno = (\d+)")  # as HDF5 says it, in the midst of other things
+_ERRNO = re.compile(r"errno = (\d+)")  # format of HDF5's messages
 _TEMPORARY = re.compile(
     r"\.(?P<stem>(?!\.-).+)-[0-9a-f]{12}\.(?P<state>partial|replaced)(?P<suffix>(\.[^.]*)?)",
     re.DOTALL,
 )
 _REPLACED = "replaced"
 _OCCUPIED = (errno.ENOTEMPTY, errno.EEXIST)
-_THERE = "is there already and not empty: name a new folder."
-_SYNCS = 8  # files that wait for the disk at a time
-_MAX_NAME = 255  # bytes: NAME_MAX of Linux and macOS
+_FOLDER_EXISTS = "exists already and is not empty: choose a new folder."
+_SYNC_THREADS = 8  # files synchronised at a time
+_MAX_NAME_BYTES = 255  # NAME_MAX of Linux and macOS
 
 
 def is_plain_name(name: object) -> bool:
-    """Return whether a name that a file holds leads to nothing outside of its own folder."""
+    """Return True if a name read from a file cannot point outside its folder."""
     if not isinstance(name, str) or name in ("", "..") or "\0" in name:
         return False
     try:
-        return name == PureWindowsPath(name).name and len(os.fsencode(name)) <= _MAX_NAME
+        return name == PureWindowsPath(name).name and len(os.fsencode(name)) <= _MAX_NAME_BYTES
     except UnicodeEncodeError:
         return False
 
 
 def check_writable(path: PathLike) -> Path:
-    """Find out whether a file can be written, before anything is computed for it."""
+    """Raise OSError if a file cannot be written; called before any computation."""
     target = Path(path)
     if target.is_dir():
-        raise IsADirectoryError(f"{target} is a folder: name the file to write in it.")
+        raise IsADirectoryError(f"{target} is a folder: add the name of a file.")
     if target.exists() and not target.is_file():
-        raise OSError(f"{target} is a device or a pipe: name an ordinary file.")
+        raise OSError(f"{target} is a device or a pipe: choose a regular file.")
     _check_takes_files(target.parent, target)
     return target
 
 
 def require_file(path: PathLike, what: str, *, folder: bool = False) -> Path:
-    """Refuse to read what is no file: opening a pipe or a device may wait for ever."""
+    """Raise FormatError for anything but a file: a pipe or device may block for ever."""
     path = Path(path)
     if path.is_file() or (folder and path.is_dir()):
         return path
     if not path.exists():
         raise FormatError(f"There is no {what} {path}.")
     kinds = "neither a file nor a folder" if folder else "not a file"
-    raise FormatError(f"The {what} {path} is {kinds}: name a file.")
+    raise FormatError(f"The {what} {path} is {kinds}: choose a file.")
 
 
 def check_folder(path: PathLike) -> Path:
-    """Make an output folder if it is not there, and find out whether it takes files."""
+    """Create an output folder if it is missing, and check that files can be written to it."""
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except FileExistsError as error:
         raise NotADirectoryError(
-            f"{folder} is to be a folder, but there is a file of this name, or a link to nothing: "
-            "remove it, or choose another."
+            f"The output folder {folder} is a file or a broken link: remove it, or choose another "
+            "folder."
         ) from error
     except OSError as error:
         raise type(error)(
-            f"The folder {folder} cannot be made ({error.strerror}): choose another."
+            f"Cannot create the folder {folder} ({error.strerror}): choose another."
         ) from error
     _check_takes_files(folder, folder)
     return folder
@@ -80,16 +80,16 @@ def check_folder(path: PathLike) -> Path:
 
 @contextmanager
 def output_folder(path: PathLike) -> Iterator[Path]:
-    """Make an output folder as `check_folder` does; after an exception no empty one is left."""
-    wanted = Path(path)
-    new = [folder for folder in (wanted, *wanted.parents) if not folder.exists()]
+    """Create an output folder as `check_folder` does; remove it after an exception if empty."""
+    target = Path(path)
+    new = [folder for folder in (target, *target.parents) if not folder.exists()]
     try:
-        with ExitStack() as held:
-            for folder in new:  # the innermost first
-                held.enter_context(unfinished(folder, filled=False))
-            yield check_folder(wanted)
+        with ExitStack() as stack:
+            for folder in new:  # innermost first
+                stack.enter_context(unfinished(folder, filled=False))
+            yield check_folder(target)
     except BaseException:
-        with suppress(OSError):  # it holds something, or was never made
+        with suppress(OSError):  # not empty, or never created
             for folder in new:
                 folder.rmdir()
         raise
@@ -97,7 +97,7 @@ def output_folder(path: PathLike) -> Iterator[Path]:
 
 @contextmanager
 def naming(path: PathLike) -> Iterator[None]:
-    """Put the name of a file before what is said about its values."""
+    """Put the path of a file in front of the messages of ValueError and ShapeError."""
     try:
         yield
     except (ValueError, ShapeError) as error:
@@ -105,17 +105,18 @@ def naming(path: PathLike) -> Iterator[None]:
 
 
 def _check_takes_files(folder: Path, target: Path) -> None:
-    """Make a file in a folder and remove it: permissions alone do not tell."""
+    """Create a file in a folder and remove it: permissions alone are not reliable."""
     if not folder.is_dir():
         raise FileNotFoundError(
-            f"{target} cannot be written: there is no folder {folder}; make it, or choose another."
+            f"Cannot write {target}: the folder {folder} does not exist; create it, or choose "
+            "another."
         )
-    probe = _beside(folder / "probe")
+    probe = _temporary_name(folder / "probe")
     try:
         probe.touch()
     except OSError as error:
         raise type(error)(
-            f"{target} cannot be written: the folder {folder} takes no files "
+            f"Cannot write {target}: the folder {folder} is not writable "
             f"({error.strerror}); choose another."
         ) from error
     finally:
@@ -123,29 +124,28 @@ def _check_takes_files(folder: Path, target: Path) -> None:
 
 
 def _remove(file: Path) -> None:
-    """Remove a file if it is there; a disk that refuses has refused before, in better words."""
+    """Remove a file if it exists; ignore errors, because the write has already reported them."""
     with suppress(OSError):
         file.unlink()
 
 
-def _beside(path: Path, state: str = "partial") -> Path:
-    """Name a hidden file that nobody else uses, with the same suffix in the same folder.
+def _temporary_name(path: Path, state: str = "partial") -> Path:
+    """Return an unused hidden name in the folder of a file, with its suffix.
 
-    What will be written gets a name that a disk takes wherever it takes the final one; what was
-    replaced keeps its whole name, for `clear_temporaries`.
+    Partial files get a name no longer than the file system allows; replaced ones keep the stem.
     """
     stem, end = path.stem, f"-{secrets.token_hex(6)}.{state}{path.suffix}"
     if state != _REPLACED:
-        room = _MAX_NAME - len(os.fsencode(f".{end}"))
+        room = _MAX_NAME_BYTES - len(os.fsencode(f".{end}"))
         stem = os.fsencode(stem)[: max(1, room)].decode(errors="ignore") or "_"
     return path.with_name(f".{stem}{end}")
 
 
 def clear_temporaries(folder: PathLike) -> list[Path]:
-    """Remove what killed processes left in a folder, and mend an exchange that they did not end.
+    """Remove temporary files of killed processes, and complete an interrupted exchange.
 
-    A folder that `filling` had moved aside takes its own name again if nothing has it. Call this
-    while nobody writes there: the files of a living process look the same.
+    A folder that `filling` had moved aside gets its name back if the name is free. Call this only
+    while no process writes to the folder: files of running processes look alike.
     """
     cleared = []
     for path in sorted(Path(folder).iterdir()):
@@ -164,29 +164,28 @@ def clear_temporaries(folder: PathLike) -> list[Path]:
 
 
 def check_space(path: PathLike, nbytes: int) -> None:
-    """Find out whether a disk has room for a file, before anything is computed for it."""
+    """Raise OSError if the disk has no room for a file; called before any computation."""
     target = Path(path)
     _check_takes_files(target.parent, target)
     free = shutil.disk_usage(target.parent).free
     if nbytes > free:
         raise OSError(
-            f"{path} takes {nbytes:,} bytes, of which the disk has {free:,} free: make room on it "
-            "or choose another folder."
+            f"{path} needs {nbytes:,} bytes, but the disk has only {free:,} free: free "
+            "some space, or choose another folder."
         )
 
 
 @contextmanager
 def replacing(path: PathLike, durable: bool = False) -> Iterator[Path]:
-    """Write a file under a temporary name; it takes its own name when the block ends well.
+    """Write a file under a temporary name; rename it when the block succeeds.
 
-    After any exception, an interrupt included, neither the temporary file nor a part of the
-    wanted one is left, and a file that was there before is untouched. What a killed process
-    leaves, `clear_temporaries` removes.
+    After any exception, including an interrupt, no temporary file remains and an existing file is
+    unchanged. `clear_temporaries` removes the files of killed processes.
     """
     target = check_writable(path)
-    temporary = _beside(target)
+    temporary = _temporary_name(target)
     try:
-        with said_of(target), unfinished(temporary):
+        with write_errors(target), unfinished(temporary):
             yield temporary
             if durable:
                 _sync(temporary)
@@ -198,52 +197,49 @@ def replacing(path: PathLike, durable: bool = False) -> Iterator[Path]:
 
 
 @contextmanager
-def said_of(target: Path) -> Iterator[None]:
-    """Say in one sentence what a disk refused."""
+def write_errors(target: Path) -> Iterator[None]:
+    """Turn OSError into a message that names the file, the reason and a remedy."""
     try:
         yield
     except FileExistsError:
         raise
     except OSError as error:
-        raise type(error)(
-            f"{target} cannot be written ({_reason(error)}): {_advice(error)}."
-        ) from error
+        raise type(error)(f"Cannot write {target} ({_reason(error)}): {_advice(error)}.") from error
 
 
 def _advice(error: OSError) -> str:
     if isinstance(error, FileNotFoundError):
-        return "its folder is gone; make it again, or choose another"
+        return "its folder was removed; create it again, or choose another"
     if _number(error) == errno.ENAMETOOLONG:
         return "choose a shorter name"
-    return "if the disk is full, make room on it or choose another folder"
+    return "if the disk is full, free some space or choose another folder"
 
 
 def _reason(error: OSError) -> str:
-    """What the system says, out of what a library made of it."""
+    """Return the system's message for an error that a library has reworded."""
     number = _number(error)
     return os.strerror(number) if number else str(error).partition("\n")[0]
 
 
 def _number(error: OSError) -> int:
-    """The errno of an error, from the words of HDF5 where it has none; 0 if nothing tells."""
+    """Return the errno of an error, parsed from HDF5's message if necessary; otherwise 0."""
     return error.errno or int(next(iter(_ERRNO.findall(str(error))), 0))
 
 
 @contextmanager
 def filling(path: PathLike, durable: bool = False, replace: bool = False) -> Iterator[Path]:
-    """Fill a new folder under a temporary name, as `replacing` does with a file.
+    """Fill a new folder under a temporary name, as `replacing` does for a file.
 
-    With ``replace`` a folder of this name is exchanged as a whole: it is moved aside, the new one
-    takes its name, and the old one is removed. A crash between the first two leaves the old folder
-    under a temporary name only; `clear_temporaries` brings it back, or removes it where the new
-    one has come. Of several writers of one folder the last one stays.
+    With ``replace``, an existing folder is moved aside, the new one is renamed and the old one is
+    removed. After a crash between these steps `clear_temporaries` restores or removes the old
+    folder. If several processes write a folder, the last one wins.
     """
     target = Path(path)
     _check_free(target, replace)
     _check_takes_files(target.parent, target)
-    temporary = _beside(target)
+    temporary = _temporary_name(target)
     try:
-        with said_of(target), unfinished(temporary):
+        with write_errors(target), unfinished(temporary):
             temporary.mkdir()
             yield temporary
             if durable:
@@ -251,7 +247,7 @@ def filling(path: PathLike, durable: bool = False, replace: bool = False) -> Ite
             if replace:
                 _exchange(temporary, target)
             elif not _moved(temporary, target):
-                raise FileExistsError(f"{target} {_THERE}")
+                raise FileExistsError(f"{target} {_FOLDER_EXISTS}")
             if durable:
                 _sync(target.parent)
     finally:
@@ -259,18 +255,18 @@ def filling(path: PathLike, durable: bool = False, replace: bool = False) -> Ite
 
 
 def _check_free(target: Path, replace: bool) -> None:
-    """Refuse a name that a file has, or a folder that holds something and is to stay."""
+    """Raise FileExistsError for a file, or for a non-empty folder unless ``replace`` is set."""
     if target.is_file() or (not replace and target.is_dir() and any(target.iterdir())):
-        raise FileExistsError(f"{target} {_THERE}")
+        raise FileExistsError(f"{target} {_FOLDER_EXISTS}")
 
 
 def _exchange(new: Path, target: Path) -> None:
-    """Give a folder its name, whoever else does the same with another one."""
+    """Rename a folder to its final name, moving aside any folder that other processes put there."""
     aside: list[Path] = []
     try:
         while not _moved(new, target):
-            old = _beside(target, _REPLACED)
-            with suppress(FileNotFoundError):  # another writer has just moved it
+            old = _temporary_name(target, _REPLACED)
+            with suppress(FileNotFoundError):  # another process has just moved it
                 os.replace(target, old)
                 aside.append(old)
     except BaseException:
@@ -283,7 +279,7 @@ def _exchange(new: Path, target: Path) -> None:
 
 
 def _moved(new: Path, target: Path) -> bool:
-    """Give a folder its name, if no folder that holds something has it."""
+    """Rename a folder; return False if a non-empty folder has the name."""
     try:
         os.replace(new, target)
     except OSError as error:
@@ -294,14 +290,14 @@ def _moved(new: Path, target: Path) -> bool:
 
 
 def _sync_all(folder: Path) -> None:
-    """Wait until the disk has everything in a folder, several files at a time."""
-    with ThreadPoolExecutor(_SYNCS) as pool:
+    """Flush everything in a folder to disk, several files at a time."""
+    with ThreadPoolExecutor(_SYNC_THREADS) as pool:
         list(pool.map(_sync, (item for item in folder.rglob("*"))))
     _sync(folder)
 
 
 def _sync(path: Path) -> None:
-    """Wait until the disk has a file, or the names in a folder."""
+    """Flush a file, or the directory entries of a folder, to disk."""
     number = os.open(path, os.O_RDONLY)
     try:
         os.fsync(number)

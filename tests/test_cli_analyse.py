@@ -112,7 +112,7 @@ def test_bad_names_and_folders_are_told(run: Run, tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine.txt").touch()
-    assert "is there already and not empty" in said(run("--only", "sampling", one=STANDARD))
+    assert "exists already" in said(run("--only", "sampling", one=STANDARD))
     (tmp_path / "file").touch()
     into = ["analyse", str(tmp_path / "one.toml"), "-o", str(tmp_path / "file" / "out")]
     assert "file" in said(CliRunner().invoke(cli.main, into))

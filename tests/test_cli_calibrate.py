@@ -189,7 +189,7 @@ def test_intrinsics_that_do_not_fit(camera: Path, scene: Path, tmp_path: Path):
     message = said(run("depth", tmp_path / "small.npy", *words[2:]))
     assert "the shape of the intrinsics, (3, 3, 96, 120)" in message
     camera.write_text("{}")
-    assert "is no file of intrinsics" in said(run(*words))
+    assert "is not a file of intrinsics" in said(run(*words))
     assert not (tmp_path / "d.pfm").exists()
 
 

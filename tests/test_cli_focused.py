@@ -318,7 +318,7 @@ def test_files_that_are_not_replaced_or_of_another_camera(
     said = refused(run(device, "depth", xml, "-o", xml.with_suffix(".npy"), "--metric", "z.npy"), 2)
     assert "--metric needs the camera" in said
     said = refused(run(device, "refocus", raw_file, "-o", tmp_path / "o.tif", "--alpha", 1), 1)
-    assert "holds a raw image, not a light field: 'clplen render', 'stack' and 'depth'" in said
+    assert "is a raw image, not a light field: use 'clplen render', 'stack' and 'depth'" in said
     other = PlenopticCamera.type1(
         focal_length=0.03, mla=MicrolensArray(150e-6, 10e-3, count=9), wavelength=532e-9,
         pixels_per_lenslet=12, device=device,

@@ -239,7 +239,7 @@ def test_refusals(tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatc
     known = (source, "--disparity", flat(tmp_path, (30, 44)))
     for words, code, said in (
         ((*known, "--lpi", 0), 2, "0.0 is not in the range 0<x"),
-        ((*known, "--lpi", 400), 1, "1.8 pixels a lens, and two views need 2: print at 800 dpi"),
+        ((*known, "--lpi", 400), 1, "got 1.8 at 720 dpi and 400 lpi: print at 800 dpi"),
         ((*known, "--lpi", 60, "--strips", 13), 2, "--strips must be 2 to 12"),
         ((*known, "--lpi", 60, "--strips", 1), 2, "--strips must be 2 to 12"),
         ((*known, "--lpi", 60, "--width", "1mm"), 2, "got 2.3 lenses"),
@@ -253,8 +253,8 @@ def test_refusals(tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatc
             2,
             "--strips cannot be combined with --pitch-test",
         ),
-        (("--lpi", 60, "--pitch-test", "--width", "3cm"), 1, "at least 0.04 m wide"),
-        (("--lpi", 400, "--pitch-test"), 1, "pixels a lens, and two views need 2"),
+        (("--lpi", 60, "--pitch-test", "--width", "3cm"), 1, "width must be at least 0.04 m"),
+        (("--lpi", 400, "--pitch-test"), 1, "A lens must cover at least 2 pixels"),
     ):
         text = refused(run(device, *words, "-o", tmp_path / "a.png"), code)
         assert said in text, (words, text)
@@ -268,7 +268,7 @@ def test_refusals(tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("clplen.lightfield.focus_and_depth.depth_map", computed.append)
     words = (source, "--lpi", 60, "--width", 100_000 / 720 * 0.0254, "-o", tmp_path / "a.png")
     text = refused(run(device, *words), 1)
-    assert "100,000 x 68,182 pixels takes 81,818,400,000 bytes" in text
+    assert "100,000 x 68,182 pixels needs 81,818,400,000 bytes" in text
     assert not computed  # said before the depth is computed
     text = refused(run(device, "--pitch-test", *words[1:]), 1)
     assert "too little memory" in text
@@ -281,25 +281,25 @@ def test_refusals(tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatc
 def test_views_that_do_not_fit() -> None:
     view = np.ones((4, 20), np.uint8)
     for views, words, error, said in (
-        ([view], {}, ValueError, "2 to 6 views, not 1"),
-        ([view] * 7, {}, ValueError, "2 to 6 views, not 7"),
-        ([view] * 2, {"count": 3}, ShapeError, "has 3 views, and 2 were given"),
+        ([view], {}, ValueError, "2 to 6 views, got 1"),
+        ([view] * 7, {}, ValueError, "2 to 6 views, got 7"),
+        ([view] * 2, {"count": 3}, ShapeError, "must contain 3 views, got 2"),
         ([view] * 4, {"count": 3}, ShapeError, "3 views"),
-        ([view, view[:3]], {}, ShapeError, r"view 1 has \(3, 20\)"),
-        ([view, view * 1.0], {}, ValueError, "are uint8, not float64"),
-        (iter([view, view]), {}, ValueError, "Give count="),
-        ([view] * 2, {"lenses": "round"}, ValueError, "'vertical' or 'horizontal', not 'round'"),
+        ([view, view[:3]], {}, ShapeError, r"got \(3, 20\) for view 1"),
+        ([view, view * 1.0], {}, ValueError, "must be uint8, got float64"),
+        (iter([view, view]), {}, ValueError, "count= is required"),
+        ([view] * 2, {"lenses": "round"}, ValueError, "'vertical' or 'horizontal', got 'round'"),
         ([view] * 2, {"centre": np.nan}, ValueError, "finite number of pixels"),
         ([np.ones((4, 20, 2), np.uint8)] * 2, {}, ShapeError, r"\(y, x\) or \(y, x, 3\)"),
-        ([], {"count": 2}, ShapeError, "and 0 were given"),
+        ([], {"count": 2}, ShapeError, "2 views, got 0"),
     ):
         with pytest.raises(error, match=said):
             interlace(views, 6.5, **words)
     for pitch in (1.9, 0, np.inf, None):
-        with pytest.raises(ValueError, match="at least 2 pixels wide"):
+        with pytest.raises(ValueError, match="at least 2 pixels"):
             interlace([view] * 2, pitch)
     for words in ((0, 720), (60, np.nan), (-1, 720), (400, 720)):
-        with pytest.raises(ValueError, match=r"lenticular print is positive|two views need 2"):
+        with pytest.raises(ValueError, match=r"must be positive|at least 2 pixels"):
             lens_pitch(*words)
     for named in ({"distance": 0.0}, {"thickness": -1e-3}, {"index": 0.9}):
         with pytest.raises(ValueError, match=r"distance|thickness|index"):
@@ -307,5 +307,5 @@ def test_views_that_do_not_fit() -> None:
     for named in ({"spread": 0}, {"spread": 21}, {"bands": 2}, {"bands": 102}):
         with pytest.raises(ValueError, match=r"spread|bands"):
             pitch_test(60, 720, 0.1, **named)
-    with pytest.raises(ValueError, match="dpi of a picture is positive"):
+    with pytest.raises(ValueError, match="dpi must be positive"):
         clplen.io.write_picture("a.png", view, dpi=0)

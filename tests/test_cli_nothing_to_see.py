@@ -103,5 +103,5 @@ def test_more_views_than_pixels_are_asked_for(tmp_path: Path, device: Device, na
 def test_pictures_are_no_light_fields(tmp_path: Path, device: Device):
     for shape in ((40, 50, 3), (40, 50), (5, 5, 9, 9, 3, 2)):
         np.save(tmp_path / "lf.npy", random(*shape))
-        with pytest.raises(FormatError, match="a light field has 4 or 5 dimensions"):
+        with pytest.raises(FormatError, match="must have 4 or 5 dimensions"):
             read_lightfield(tmp_path / "lf.npy", device=device)

@@ -208,7 +208,7 @@ def test_views_that_are_missing_are_left_out(tmp_path: Path) -> None:
         assert len(names) == 5
         assert "view_00_01.png" not in names
     assert "view_00_01" not in (tmp_path / "a/transforms.json").read_text()
-    with pytest.raises(ShapeError, match="cameras see pictures"):
+    with pytest.raises(ShapeError, match="for these cameras"):
         write_nerf(tmp_path / "c", views[:, :2], cameras)
     with pytest.raises(ValueError, match="uint8"):
         write_colmap(tmp_path / "c", views.astype(float), cameras)

@@ -152,16 +152,16 @@ def test_refusals(tmp_path: Path, device: Device) -> None:
         (("-o", "q.jpg"), 2, "end in .png"),
         (("-o", "q.png", "--columns", 1, "--rows", 1, *small), 1, "at least 2 views"),
         (("-o", "q.png", "--columns", 0, *small), 1, "whole number from 1 on, got 0"),
-        (("-o", "q.png", "--columns", 33, "--rows", 2), 1, "1 to 32 columns, not 33"),
-        (("-o", "q.png", "--size", "16385x40"), 1, "pixels a side, not 16,385"),
+        (("-o", "q.png", "--columns", 33, "--rows", 2), 1, "columns must be 1 to 32, got 33"),
+        (("-o", "q.png", "--size", "16385x40"), 1, "pixels along each side, got 16,385"),
         (("-o", "q.png", "--size", "96"), 2, "WIDTHxHEIGHT"),
-        (("-o", "q.png", "--size", "96x40"), 1, "12 x 6 each"),
-        (("-o", "q.png", "--aspect", 0), 1, "0.1 to 10, not 0"),
-        (("-o", "q_qs5x9a1.777.png"), 1, "tells of another layout than qs8x6a0.75"),
+        (("-o", "q.png", "--size", "96x40"), 1, "got 12 x 6 for"),
+        (("-o", "q.png", "--aspect", 0), 1, "0.1 to 10, got 0"),
+        (("-o", "q_qs5x9a1.777.png"), 1, "contains another layout than qs8x6a0.75"),
         (("-o", "q.png", "--span", 1.5), 2, "0<x<=1"),
-        (("-o", "q.png", "--zero-parallax", 9, *known), 1, "moves by 45 pixels along x"),
+        (("-o", "q.png", "--zero-parallax", 9, *known), 1, "moves by 45 of 44 pixels along x"),
         (("-o", "q.png", *known, "--disparities", "0:1:3"), 2, "--disparity"),
-        (("-o", "none/q.png"), 1, "no folder none"),
+        (("-o", "none/q.png"), 1, "the folder none does not exist"),
     ):
         where = tmp_path / str(words[1])
         text = refused(run(device, "quilt", source, "-o", where, *words[2:]), code)
@@ -188,6 +188,6 @@ def test_tiles_that_do_not_fit(tmp_path: Path) -> None:
     ):
         with pytest.raises(error):
             write_quilt(tmp_path / "a.png", tiles, layout)
-    with pytest.raises(ValueError, match=r"written as \.png"):
+    with pytest.raises(ValueError, match=r"must end in \.png"):
         write_quilt(tmp_path / "a.jpg", [tile] * 2, layout)
     assert not list(tmp_path.iterdir())

@@ -250,14 +250,14 @@ def test_what_is_white():
 def test_animations_that_are_refused(tmp_path: Path):
     grey = np.zeros((4, 5), np.uint8)
     for path, pictures, words in (
-        ("a.png", [grey], "written as .gif"),
+        ("a.png", [grey], "must end in .gif"),
         ("a.gif", [], "at least one picture"),
-        ("a.gif", [grey, grey.T], "all of one shape"),
-        ("a.gif", [grey.astype(float)], "are uint8"),
+        ("a.gif", [grey, grey.T], "all of equal shape"),
+        ("a.gif", [grey.astype(float)], "must be uint8"),
     ):
         with pytest.raises(ValueError, match=words):
             write_animation(tmp_path / path, pictures)
-    with pytest.raises(ValueError, match="at least"):
+    with pytest.raises(ValueError, match=r"must be 0\.02"):
         write_animation(tmp_path / "a.gif", [grey], seconds=0)
     assert not list(tmp_path.iterdir())
 

@@ -79,7 +79,7 @@ def test_what_lies_beside_a_truth_of_the_benchmark_is_used(tmp_path: Path) -> No
 def test_bad_input_is_one_sentence(truth: Path, tmp_path: Path) -> None:
     picture = tmp_path / "depth.png"
     imageio.imwrite(picture, np.zeros((40, 50), np.uint8))
-    assert "levels are no disparities" in said(run(picture, truth))
+    assert "levels are not disparities" in said(run(picture, truth))
     assert "There is no disparity map" in said(run(tmp_path / "none.pfm", truth))
     np.save(tmp_path / "cut.npy", TRUTH[5:, 3:])
     assert "--offset" in said(run(tmp_path / "cut.npy", truth))

@@ -153,7 +153,7 @@ def test_a_checkpoint_needs_snapshots(small: Path, device: Device, tables: str):
 
 def test_a_checkpoint_that_cannot_be_written(small: Path, device: Device):
     result, raw = simulated(small, SLIDE + MASK, device, "--checkpoint", small.parent / "no" / "c")
-    assert "there is no folder" in said(result)
+    assert "does not exist" in said(result)
     assert "Plenoptic" not in result.stdout  # nothing was begun
     assert not raw.parent.exists()
 

@@ -134,7 +134,7 @@ def test_tracks_over_a_series(tmp_path):
     assert marks["z"] == pytest.approx(index[:, 0])
     tifffile.imwrite(tmp_path / "bare.ome.tif", values, metadata={"axes": "TZYX"})
     bare = ("view", tmp_path / "bare.ome.tif", "--tracks", tmp_path / "tracks.csv", "-o", page)
-    assert "does not say where its planes lie" in run(*bare).output
+    assert "need the z of planes and the voxel size" in run(*bare).output
     (tmp_path / "voxels.csv").write_text(
         "track,frame,z_voxel,y_voxel,x_voxel,peak,snr\n0,0,1,1,1,1,1\n"
     )
@@ -211,7 +211,7 @@ def test_a_depth_map_from_a_file(tmp_path, light_field):
 
 WRONG = [
     (["missing.png"], "The file or folder missing.png does not exist"),
-    (["text.txt"], "is no light field that clplen reads"),
+    (["text.txt"], "is not a supported light field"),
     (["empty.png"], "empty"),
     (["cut.png"], "cut.png"),
     (["lf.npy", "-o", "page.png"], "end in .html"),
@@ -220,7 +220,7 @@ WRONG = [
     (["lf.npy", "lf.npy", "--time", "--compare"], "cannot be combined"),
     (["lf.npy", "--truth", "x.pfm"], "--truth needs --compare"),
     (["lf.npy", "-o", "page.html", "--port", "8080"], "--port applies to a served page"),
-    (["lf.npy", "--downscale", "99", "-o", "page.html"], "have none by 99 x 99"),
+    (["lf.npy", "--downscale", "99", "-o", "page.html"], "pixels of a view, got 99"),
     (["nan.npy", "-o", "page.html"], "NaN"),
     ([], "INPUT"),
 ]

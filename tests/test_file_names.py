@@ -152,4 +152,4 @@ def test_words_of_arguments_in_names_stay(folder: Path):
         with arguments_as(surface), pytest.raises(FormatError) as error:
             read_lightfield("white=1.png")
         assert "missing in white=1.png (" in str(error.value)
-        assert f"{words} gives them weight 0." in str(error.value)
+        assert f"Give them weight 0 by {words}." in str(error.value)

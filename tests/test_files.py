@@ -79,21 +79,21 @@ def test_a_folder_is_filled_whole_or_not_at_all(tmp_path: Path):
 
 def test_places_that_are_no_place_for_a_file(tmp_path: Path):
     (tmp_path / "file").touch()
-    with pytest.raises(FileNotFoundError, match=r"no folder .*nowhere; make it"):
+    with pytest.raises(FileNotFoundError, match=r"folder .*nowhere does not exist; create it"):
         check_writable(tmp_path / "nowhere" / "a.tif")
-    with pytest.raises(FileNotFoundError, match=r"no folder .*file"):
+    with pytest.raises(FileNotFoundError, match=r"folder .*file does not exist"):
         check_writable(tmp_path / "file" / "a.tif")
-    with pytest.raises(NotADirectoryError, match="there is a file of this name"):
+    with pytest.raises(NotADirectoryError, match="is a file or a broken link"):
         check_folder(tmp_path / "file")
-    with pytest.raises(IsADirectoryError, match="is a folder: name the file"):
+    with pytest.raises(IsADirectoryError, match="is a folder: add the name"):
         check_writable(tmp_path)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs a folder that nobody may write to")
 def test_a_folder_that_takes_no_files():
-    with pytest.raises(OSError, match=r"the folder /proc takes no files .*choose another"):
+    with pytest.raises(OSError, match=r"the folder /proc is not writable .*choose another"):
         check_writable("/proc/stack.tif")
-    with pytest.raises(OSError, match=r"folder /proc/demo cannot be made .*choose another"):
+    with pytest.raises(OSError, match=r"folder /proc/demo .*choose another"):
         check_folder("/proc/demo")
 
 
@@ -103,7 +103,7 @@ def test_a_disk_that_may_only_be_read(tmp_path: Path, monkeypatch: pytest.Monkey
 
     monkeypatch.setattr(Path, "touch", refuse)
     monkeypatch.setattr(Path, "unlink", refuse)
-    with pytest.raises(OSError, match=r"takes no files \(Read-only file system\); choose another"):
+    with pytest.raises(OSError, match=r"is not writable \(Read-only file system\); choose another"):
         check_writable(tmp_path / "a.tif")
 
 
@@ -123,7 +123,7 @@ def test_a_full_disk_is_said_in_one_sentence(tmp_path: Path):
     for name in ["a.tif", "a.png", "a.pfm"]:
         values = np.random.default_rng(1).integers(0, 255, (100, 300)).astype(np.uint8)
         write = write_pfm if name == "a.pfm" else write_picture
-        said = rf"{name} cannot be written \(.*\): if the disk is full, m"
+        said = rf"{name} \(.*\): if the disk is full, f"
         with pytest.raises(OSError, match=said), small_disk():
             write(tmp_path / name, values)
         assert list(tmp_path.iterdir()) == []
@@ -134,7 +134,7 @@ def test_a_full_disk_for_hdf5_and_figures(tmp_path: Path, device: Device):
     lf.to_numpy()
     figure = Figure()
     figure.add_subplot().imshow(np.random.default_rng(1).random((200, 200)))
-    said = r"a\.{} cannot be written \(File too large\): if the disk"
+    said = r"Cannot write .*a\.{} \(File too large\): if the disk"
     with pytest.raises(OSError, match=said.format("h5")), small_disk():
         write_lightfield(tmp_path / "a.h5", lf)
     with pytest.raises(OSError, match=said.format("png")), small_disk():
@@ -220,10 +220,10 @@ def test_a_folder_is_exchanged_as_a_whole(tmp_path: Path):
     fill(target, "old", replace=True)
     fill(target, "new", replace=True)
     assert names_in(tmp_path) == ["new"]
-    with pytest.raises(FileExistsError, match=r"a\.zarr is there already and not empty"):
+    with pytest.raises(FileExistsError, match=r"a\.zarr exists already and is not empty"):
         fill(target, "third")
     (tmp_path / "file.zarr").touch()
-    with pytest.raises(FileExistsError, match=r"file\.zarr is there already"):
+    with pytest.raises(FileExistsError, match=r"file\.zarr exists already"):
         fill(tmp_path / "file.zarr", "third", replace=True)
     assert names_in(tmp_path) == ["file.zarr", "new"]
     assert len(list(tmp_path.iterdir())) == 2
@@ -243,7 +243,7 @@ def test_an_exchange_that_breaks_off(tmp_path: Path, monkeypatch: pytest.MonkeyP
         rename(source, new)
 
     monkeypatch.setattr(os, "replace", refuse)
-    with pytest.raises(OSError, match=r"a\.b\.zarr cannot be written \(Input/output error\)"):
+    with pytest.raises(OSError, match=r"Cannot write .*a\.b\.zarr \(Input/output error\)"):
         fill(target, "new", replace=True)
     assert names_in(tmp_path) == ["old"]
     assert list(tmp_path.iterdir()) == [target]
@@ -280,7 +280,7 @@ def test_of_two_writers_of_a_new_folder_the_first_wins(tmp_path: Path):
             (folder / "second").touch()
             fill(tmp_path / "a", "first")
 
-    with pytest.raises(FileExistsError, match="there already"):
+    with pytest.raises(FileExistsError, match="exists already"):
         second()
     assert names_in(tmp_path) == ["first"]
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
@@ -320,9 +320,9 @@ def test_durable_files_reach_the_disk_before_their_names(
 
 def test_room_on_a_disk(tmp_path: Path):
     check_space(tmp_path / "a.tif", 1000)
-    with pytest.raises(OSError, match=r"a\.tif takes 1(,000)+ bytes, of which the disk has .* fre"):
+    with pytest.raises(OSError, match=r"a\.tif needs 1(,000)+ bytes, but the disk has only .* fre"):
         check_space(tmp_path / "a.tif", 10**18)
-    with pytest.raises(FileNotFoundError, match=r"no folder .*nowhere"):
+    with pytest.raises(FileNotFoundError, match=r"folder .*nowhere does not exist"):
         check_space(tmp_path / "nowhere" / "a.tif", 1)
 
 

@@ -26,7 +26,7 @@ def test_an_object_without_a_size(tmp_path: Path, device: Device):
     read_lightfield(path, device=device)
     for place in (good.index(b"v:u:y:x", heap) - 16, good.index(b"calibrated", heap) - 16):
         path.write_bytes(good[:place] + bytes(16) + good[place + 16 :])
-        with pytest.raises(FormatError, match=rf"a\.h5: the texts at byte {heap:,} are damaged"):
+        with pytest.raises(FormatError, match=rf"a\.h5: the strings at byte {heap:,} are damaged"):
             read_lightfield(path, device=device)
 
 
@@ -46,7 +46,7 @@ def test_heaps_before_and_behind_a_hole(tmp_path: Path):
             file.write(heap)
             file.truncate((1 << 30) + 64)
         with path.open("rb") as file:
-            (first, end), *rest = hdf5_safety._stored(file.fileno(), path.stat().st_size)
+            (first, end), *rest = hdf5_safety._extents(file.fileno(), path.stat().st_size)
         assert first <= place < place + len(mark) <= max([end, *(last for _, last in rest)])
         if place > size:
             with pytest.raises(FormatError, match=f"byte {place:,} are damaged"):
@@ -65,7 +65,7 @@ def test_groups_that_are_too_deep_or_too_many(
     read_lightfield(path, device=device)
     with h5py.File(path, "a") as file:
         file["/".join("g" * (hdf5_safety.MAX_DEPTH - 1))].create_group("g")
-    with pytest.raises(FormatError, match=r"a\.h5 holds more than .* levels of groups"):
+    with pytest.raises(FormatError, match=r"a\.h5 has more than .* levels of groups"):
         read_lightfield(path, device=device)
     with h5py.File(path, "a") as file:
         del file["g"]
@@ -73,7 +73,7 @@ def test_groups_that_are_too_deep_or_too_many(
             file.create_dataset(f"few/{name}", data=np.zeros(2))
     read_lightfield(path, device=device)
     monkeypatch.setattr(hdf5_safety, "MAX_OBJECTS", 4)
-    with pytest.raises(FormatError, match=r"a\.h5 holds more than 4 links"):
+    with pytest.raises(FormatError, match=r"a\.h5 has more than 4 links"):
         read_lightfield(path, device=device)
 
 

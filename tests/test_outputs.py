@@ -83,7 +83,7 @@ def test_files_of_others_are_not_ours(tmp_path: Path):
     np.save(tmp_path / "a.npy", random(3, 4))
     for path in [*tmp_path.iterdir(), tmp_path / "none"]:
         assert not is_ours(path), path
-    with pytest.raises(FileExistsError, match=r"a\.tif is there already, and clplen did not write"):
+    with pytest.raises(FileExistsError, match=r"a\.tif exists already, and clplen did not write"):
         check_output(tmp_path / "a.tif")
     assert check_output(tmp_path / "a.tif", force=True).exists()
     with pytest.raises(IsADirectoryError, match="is a folder"):
@@ -96,7 +96,7 @@ def test_links_are_not_followed(tmp_path: Path, lf: LightField):
     before = target.read_bytes()
     link = tmp_path / "link.tif"
     link.symlink_to(target)
-    with pytest.raises(FileExistsError, match=r"link\.tif is there already, a link to .*elsewhere"):
+    with pytest.raises(FileExistsError, match=r"link\.tif exists already, a link to .*elsewhere"):
         check_output(link)
     check_output(link, force=True)
     io.write_picture(link, random(3, 4))
@@ -116,7 +116,7 @@ def test_a_zarr_of_others(tmp_path: Path):
     check_output(folder)  # empty
     (folder / "dear.png").write_bytes(b"png")
     for force in (False, True):
-        with pytest.raises(FileExistsError, match="is there already and no OME-Zarr"):
+        with pytest.raises(FileExistsError, match="exists already and is not an OME-Zarr"):
             check_output(folder, force=force)
     (folder / ".zgroup").write_text('{"zarr_format": 2}')
     with pytest.raises(FileExistsError, match="clplen did not write it"):
@@ -128,9 +128,9 @@ def test_a_zarr_of_others(tmp_path: Path):
 def test_devices_and_pipes_are_no_outputs(tmp_path: Path):
     os.mkfifo(tmp_path / "pipe.tif")
     for path in (tmp_path / "pipe.tif", "/dev/stdout", "/dev/null", "/dev/new.tif", "/proc/x.tif"):
-        with pytest.raises(OSError, match=r"no place for a file|ordinary file"):
+        with pytest.raises(OSError, match=r"Cannot write to|regular file"):
             check_output(path, force=True)
-    with pytest.raises(OSError, match="ordinary file"):
+    with pytest.raises(OSError, match="regular file"):
         check_writable("/dev/null")
     assert not Path("/dev/null").is_file()
 
@@ -160,7 +160,7 @@ def test_folders_of_an_earlier_run(tmp_path: Path):
     assert found.pop("report.md")
     assert found == {"b.csv": "3", "c.csv": "4", "notes.txt": NOTES}
     (folder / "d.csv").write_text(NOTES)
-    with pytest.raises(FileExistsError, match=r"d\.csv is there already, and clplen did not"):
+    with pytest.raises(FileExistsError, match=r"d\.csv exists already, and clplen did not"):
         fill(folder, d="5")
     assert (folder / "d.csv").read_text() == NOTES
     assert (folder / "b.csv").read_text() == "3"
@@ -269,8 +269,8 @@ def test_depth_replaces_no_file_of_others_beside_the_map(
         assert result.exit_code == 1, result.output
         said = " ".join(result.output.split())
         assert said == (
-            f"Error: {name} is there already, and clplen did not write it: name another output, or "
-            "--force replaces it."
+            f"Error: {name} exists already, and clplen did not write it: choose another output, "
+            "or replace it with --force."
         )
         assert sorted(os.listdir()) == sorted(["in.h5", name])
         assert Path(name).read_text() == NOTES
@@ -316,8 +316,8 @@ def test_saved_pictures_replace_no_files_of_others(tmp_path: Path):
         (folder / name).write_text(NOTES)
         result = run(*words)
         assert result.exit_code == 1, result.output
-        assert f"{name} is there already, and clplen did not write it" in result.output
-        assert "--force replaces it" in result.output
+        assert f"{name} exists already, and clplen did not write it" in result.output
+        assert "replace it with --force" in result.output
         assert {path.name: path.read_text() for path in folder.iterdir()} == {name: NOTES}
     assert run(*words, "--force").exit_code == 0
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == files
@@ -330,7 +330,7 @@ def test_folders_with_files_of_others(tmp_path: Path, words: list[str], monkeypa
     Path("raw.tif").write_text(NOTES)
     result = run(*words, ".")
     assert result.exit_code == 1, result.output
-    assert "raw.tif is there already, and clplen did not write it" in result.output
+    assert "raw.tif exists already, and clplen did not write it" in result.output
     assert Path("raw.tif").read_text() == NOTES
     assert sorted(os.listdir()) == ["camera.toml", "raw.tif"]
 

@@ -77,7 +77,7 @@ def test_what_is_saved_is_read_again(
             result.save(tmp_path / ending)
             back = read(tmp_path / ending)
             np.testing.assert_array_equal(np.asarray(back), np.asarray(result), name)
-        with pytest.raises(ValueError, match=r"written as|no voxel positions") as error:
+        with pytest.raises(ValueError, match=r"must end|written|no voxel positions") as error:
             result.save(tmp_path / "x.xyz")
         assert "\n" not in str(error.value)
 
@@ -99,7 +99,7 @@ def test_volumes_know_their_voxels(tmp_path: Path, device: Device) -> None:
     with pytest.raises(ValueError, match="give planes="):
         volume().save(tmp_path / "w.tif")
     volume().save(tmp_path / "w.tif", planes=PLANES, voxel=(1e-6, 1e-6))
-    with pytest.raises(clplen.ShapeError, match="A volume has shape"):
+    with pytest.raises(clplen.ShapeError, match="A volume must have shape"):
         volume(3, planes=PLANES, voxel=(2e-6, 2e-6)).save(tmp_path / "x.tif")
     projector = clplen.Projector(microscope_images(), (5, 5), device=device)
     found = clplen.deconvolve(samples(15, 15), projector, iterations=1)

@@ -1,4 +1,4 @@
-"""Files in and out: light fields, raw images, stacks, depth, volumes, pictures."""
+"""Read and write light fields, raw images, stacks, depth maps, volumes and pictures."""
 
 from lazy_loader import attach_stub
 

@@ -119,7 +119,7 @@ class SeriesWriter:
             },
             batch=self.batch,
         )
-        self.done = self.file.open(go_on=batch is not None)
+        self.done = self.file.open(resume=batch is not None)
 
     def __iter__(self) -> Iterator[Batch]:
         series, position = self.series, self.done

@@ -347,7 +347,9 @@ def layout_settings(layout: dict[str, Any]) -> dict[str, Any]:
     """Return the layout settings that differ from the defaults."""
     from clplen.io.lightfields.layout import Layout
 
-    return {name: value for name, value in Layout(**layout).given().items() if name != "force"}
+    return {
+        name: value for name, value in Layout(**layout).user_options().items() if name != "force"
+    }
 
 
 def option_arguments(settings: dict[str, Any]) -> list[str]:

@@ -75,11 +75,11 @@ def test_words_of_layout(
 
 def test_members_that_are_refused_by_name(make: Callable[..., Path], device: Device):
     for name, said in (
-        ("../x.png", "lies outside"),
-        ("/etc/x.png", "lies outside"),
-        ("C:\\x.png", "lies outside"),
-        ("a/../../x.png", "lies outside"),
-        ("./view_0_0.png", "is there twice"),
+        ("../x.png", "is outside"),
+        ("/etc/x.png", "is outside"),
+        ("C:\\x.png", "is outside"),
+        ("a/../../x.png", "is outside"),
+        ("./view_0_0.png", "occurs twice"),
     ):
         path = make("view_{v}_{u}.png", {name: b"x"})
         with pytest.raises(FormatError, match=rf"a\.zip: the member '.*\.png' {said}"):
@@ -91,7 +91,7 @@ def test_missing_and_unusable_views(make: Callable[..., Path], device: Device):
     with pytest.raises(FormatError, match=r"7 of 5 x 4 views are missing in .*\(v=3, u=0\)"):
         read_lightfield(path, device=device)
     with pytest.raises(
-        FormatError, match=r"1 of 13 views in .*a\.zip/s cannot be used: view_4_0\.png cannot be r"
+        FormatError, match=r"1 of 13 views in .*a\.zip/s cannot be used: view_4_0\.png is unr"
     ):
         read_lightfield(path, device=device, allow_missing=True)
     with pytest.raises(FormatError, match=r"No file in .*a\.zip matches .*view_0_0\.png"):
@@ -112,12 +112,12 @@ FLAGS, METHOD, CRC, SIZE = 2, 4, 10, 18  # from the version on
 
 def test_members_that_are_not_what_they_say(make: Callable[..., Path], device: Device):
     for offset, value, said in [
-        (FLAGS, b"\1\0", r"view_0_0\.png is encrypted: make an archive without"),
-        (METHOD, b"\x0c\0", r"view_0_0\.png is compressed by method 12: write the archive"),
-        (CRC, b"abcd", r"view_0_0\.png cannot be read \(Bad CRC-32"),
+        (FLAGS, b"\1\0", r"view_0_0\.png is encrypted: create an archive without"),
+        (METHOD, b"\x0c\0", r"view_0_0\.png is compressed with method 12: write the archive"),
+        (CRC, b"abcd", r"view_0_0\.png is unreadable \(Bad CRC-32"),
         (SIZE, struct.pack("<I", 2**31), r"view_0_0\.png declares 2,147,483,648 bytes, more"),
-        (SIZE, struct.pack("<I", 50), r"view_0_0\.png cannot be read \(Bad CRC-32"),
-        (SIZE, struct.pack("<I", 1000), r"view_0_0\.png has another size than its archive"),
+        (SIZE, struct.pack("<I", 50), r"view_0_0\.png is unreadable \(Bad CRC-32"),
+        (SIZE, struct.pack("<I", 1000), r"view_0_0\.png has a different size than its archive"),
     ]:
         path = make("view_{v}_{u}.png")
         changed(path, offset, value)
@@ -133,7 +133,7 @@ def test_a_bomb_is_read_up_to_its_declared_size(make: Callable[..., Path], devic
         content[start : start + 4] = struct.pack("<I", 500)
     path.write_bytes(bytes(content))
     tracemalloc.start()
-    with pytest.raises(FormatError, match=r"view_3_0\.png cannot be read \(Bad CRC-32"):
+    with pytest.raises(FormatError, match=r"view_3_0\.png is unreadable \(Bad CRC-32"):
         read_lightfield(path, device=device, allow_missing=True)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
@@ -164,7 +164,7 @@ def test_truncated_archives(make: Callable[..., Path], device: Device):
     whole = path.read_bytes()
     for kept in (4, 30, len(whole) // 2, len(whole) - 1):
         path.write_bytes(whole[:kept])
-        with pytest.raises(FormatError, match=r"a\.zip is no zip archive that can be read"):
+        with pytest.raises(FormatError, match=r"a\.zip is not a readable zip archive"):
             read_lightfield(path, device=device)
 
 

@@ -178,7 +178,7 @@ def test_both_formats_of_zarr(
     np.testing.assert_array_equal(lf.to_numpy(), values[:, ::-1])
     assert lf.spacing == (1, -2, 3, 4)
     assert "float32 (stored as" in caplog.text
-    assert "'lightfield' with axes c:y:u:v:x (as the file says), flip_u" in caplog.text
+    assert "'lightfield' with axes c:y:u:v:x (as stored), flip_u" in caplog.text
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -195,9 +195,13 @@ def test_which_array(tmp_path: Path, device: Device, name: str):
     np.testing.assert_array_equal(read(dataset="two"), 2 * values)
     refused(
         (FormatError, r"several .*two \(3, 5, 7, 11, 2\) uint16.* by dataset=", read),
-        (FormatError, r"'no' of real numbers; it holds .*picture \(7", lambda: read(dataset="no")),
-        (FormatError, r"'picture' has shape \(7, 11\); a l", lambda: read(dataset="picture")),
-        (FormatError, "The order 'vuyz' does not", lambda: read(dataset="two", order="vuyz")),
+        (FormatError, r"'no' of real numbers; it has .*picture \(7", lambda: read(dataset="no")),
+        (
+            FormatError,
+            r"'picture' must have 4 or 5 .* got shape \(7, 11\)",
+            lambda: read(dataset="picture"),
+        ),
+        (FormatError, "order must have .* got 'vuyz'", lambda: read(dataset="two", order="vuyz")),
     )
 
 
@@ -206,7 +210,7 @@ def test_a_store_that_is_one_array(tmp_path: Path, device: Device):
     put(path, "", values, form=3)
     lf = read_lightfield(path, device=device, order="uvyxc")
     np.testing.assert_array_equal(lf.to_numpy(), values.swapaxes(0, 1))
-    with pytest.raises(FormatError, match="one array, with no dataset 'a'"):
+    with pytest.raises(FormatError, match="single array without a dataset 'a'"):
         read_lightfield(path, device=device, dataset="a")
     group = tmp_path / "g.zarr"
     zarr.open_group(str(group), mode="a", zarr_format=3)
@@ -218,7 +222,7 @@ def test_a_store_that_is_one_array(tmp_path: Path, device: Device):
 def test_a_group_and_words_are_no_samples(tmp_path: Path, device: Device):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_group("lightfield/x")
-    with pytest.raises(FormatError, match="it holds no dataset"):
+    with pytest.raises(FormatError, match="it has no dataset"):
         read_lightfield(tmp_path / "a.h5", device=device)
     for values, kind in (
         (np.full((1, 1, 2, 2), "a", h5py.string_dtype()), "object"),
@@ -226,7 +230,7 @@ def test_a_group_and_words_are_no_samples(tmp_path: Path, device: Device):
     ):
         with h5py.File(tmp_path / "a.h5", "w") as file:
             file["lightfield"] = values
-        with pytest.raises(FormatError, match=rf"a\.h5: .* holds {kind}, no real numbers"):
+        with pytest.raises(FormatError, match=rf"a\.h5: .* must hold real numbers, got {kind}"):
             read_lightfield(tmp_path / "a.h5", device=device)
 
 
@@ -234,20 +238,20 @@ def test_a_group_and_words_are_no_samples(tmp_path: Path, device: Device):
 def test_what_is_wrong_inside_names_the_container(tmp_path: Path, device: Device, name: str):
     path = tmp_path / name
     for words, message in [
-        ({"spacing": [1, 2]}, r"spacing is \(dv, du, dy, dx\) .* not \(1, 2\)"),
-        ({"spacing": [1.0, 0.0, 1.0, 1.0]}, r"spacing must be \(dv, du, dy, dx\)"),
-        ({"spacing": "wide"}, "spacing is"),
-        ({"decode": "other"}, "'decode' is 'other'"),
-        ({"axes": "v:u:y:x:c"}, r"shape \(2, 3, 3, 3\)\. The order 'vuyxc'"),
+        ({"spacing": [1, 2]}, r"spacing must be \(dv, du, dy, dx\) .* got \(1, 2\)"),
+        ({"spacing": [1.0, 0.0, 1.0, 1.0]}, r"spacing .*\(dv, du, dy, dx\)"),
+        ({"spacing": "wide"}, "spacing must be"),
+        ({"decode": "other"}, "'decode' must be .* got 'other'"),
+        ({"axes": "v:u:y:x:c"}, r"shape \(2, 3, 3, 3\)\. order must .* 'vuyxc'"),
     ]:
         put(path, "lightfield", np.ones((2, 3, 3, 3), np.float32), **words)
         with pytest.raises(FormatError, match=rf"{name}.*{message}"):
             read_lightfield(path, device=device)
         remove(path)
     for beside, values, message in [
-        ("weights", np.ones((3, 2)), r"weights have shape \(3, 2\), the views \(2, 3\)"),
+        ("weights", np.ones((3, 2)), r"weights must have the shape \(2, 3\) .* got \(3, 2\)"),
         ("weights", np.zeros((2, 3)), "not all 0"),
-        ("weights", np.ones((40, 50)), r"'weights' of shape \(40, 50\) .* not up to 12 real"),
+        ("weights", np.ones((40, 50)), r"'weights' must hold at most 12 real .* shape \(40, 50\)"),
         ("positions", np.ones((2, 3, 1)), r"shape \(2, 3, 2\), got \(2, 3, 1\)"),
     ]:
         put(path, "lightfield", np.ones((2, 3, 3, 3), np.float32))
@@ -256,7 +260,7 @@ def test_what_is_wrong_inside_names_the_container(tmp_path: Path, device: Device
             read_lightfield(path, device=device)
         remove(path)
     write_lightfield(path, with_camera(light_field(device)))
-    for pitch, message in ((-1.0, "is none: "), (None, "lacks 'mla_pitch'")):
+    for pitch, message in ((-1.0, "is invalid: "), (None, "has no parameter 'mla_pitch'")):
         change(path, "camera", mla_pitch=pitch)
         with pytest.raises(FormatError, match=rf"The camera in .*{name} {message}"):
             read_lightfield(path, device=device)
@@ -308,7 +312,7 @@ def test_filters_that_are_not_installed(tmp_path: Path, device: Device):
         made.set_filter(32000 + 999, h5py.h5z.FLAG_OPTIONAL)
         space = h5py.h5s.create_simple((1, 1, 2, 2))
         h5py.h5d.create(file.id, b"lightfield", h5py.h5t.NATIVE_UINT8, space, made)
-    with pytest.raises(FormatError, match=r"compressed by .*\(32999\), a filter that is not inst"):
+    with pytest.raises(FormatError, match=r"compressed with .*\(32999\), a filter that is not"):
         read_lightfield(tmp_path / "a.h5", device=device)
 
 
@@ -318,7 +322,7 @@ def test_filters_that_are_not_installed(tmp_path: Path, device: Device):
 def test_a_folder_that_holds_something_stays(tmp_path: Path, device: Device):
     (tmp_path / "a.zarr").mkdir()
     (tmp_path / "a.zarr" / "note").touch()
-    with pytest.raises(FileExistsError, match=r"a\.zarr is there already and not empty"):
+    with pytest.raises(FileExistsError, match=r"a\.zarr exists already and is not empty"):
         write_lightfield(tmp_path / "a.zarr", light_field(device))
     assert [file.name for file in tmp_path.rglob("*")] == ["a.zarr", "note"]
 
@@ -330,7 +334,7 @@ def test_more_is_declared_than_zarr_stores(tmp_path: Path, device: Device, form:
     declared = json.loads(file.read_text())
     declared["shape"][2] = 10**9
     file.write_text(json.dumps(declared))
-    with pytest.raises(FormatError, match=r"142,857,143 chunks, of which at most \d+ are there"):
+    with pytest.raises(FormatError, match=r"142,857,143 chunks, but at most \d+ are stored"):
         read_lightfield(tmp_path / "a.zarr", device=device)
     declared["shape"] = [10**9] * 5
     grid = declared["chunk_grid"]["configuration"] if form == 3 else declared
@@ -367,7 +371,7 @@ def test_without_the_package(tmp_path: Path, device: Device, monkeypatch: pytest
     assert [file.name for file in tmp_path.iterdir()] == ["a.zarr"]
     monkeypatch.setitem(sys.modules, "zarr", zarr)
     monkeypatch.setattr(zarr, "__version__", "2.18.3")
-    with pytest.raises(FormatError, match=r"needs the package zarr 3 .*, not 2\.18\.3"):
+    with pytest.raises(FormatError, match=r"needs the package zarr 3 .*, got 2\.18\.3"):
         read_lightfield(tmp_path / "a.zarr", device=device)
 
 
@@ -392,7 +396,7 @@ def test_members_of_an_archive_that_are_too_large(tmp_path: Path, device: Device
         with pytest.raises(FormatError, match=rf"a\.zip: its member .*{message}"):
             read_lightfield(path, device=device)
     path = archive_of(tmp_path / "a.zarr", **{".zgroup": b" " * (5 << 20)})
-    with pytest.raises(FormatError, match=r"'\.zgroup' declares 5,242,880 bytes, metadata"):
+    with pytest.raises(FormatError, match=r"'\.zgroup' declares 5,242,880 bytes, but metadata"):
         read_lightfield(path, device=device)
 
 
@@ -410,7 +414,7 @@ def test_files_of_a_store_with_a_long_hole(tmp_path: Path, device: Device):
 def test_large_rows_of_views_are_cut(
     tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(container_lightfields, "_CHUNK", 3 * 5 * 13 * 2 + 1)
+    monkeypatch.setattr(container_lightfields, "_MAX_CHUNK_BYTES", 3 * 5 * 13 * 2 + 1)
     values = np.random.default_rng(1).integers(0, 999, (2, 3, 11, 13), np.uint16)
     write_lightfield(tmp_path / "lf.zarr", LightField.from_array(values, device=device))
     root = zarr.open_group(str(tmp_path / "lf.zarr"), mode="r")

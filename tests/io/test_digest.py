@@ -14,7 +14,7 @@ from clplen.io.store.digest import digest, size_of
 def test_a_file_in_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     content = bytes(range(256)) * 5 + b"x"
     (tmp_path / "a").write_bytes(content)
-    monkeypatch.setattr(module, "_BLOCK", 100)
+    monkeypatch.setattr(module, "_BLOCK_BYTES", 100)
     assert digest(tmp_path / "a") == hashlib.sha256(content).hexdigest()
     assert digest(tmp_path / "a", algorithm="md5") == hashlib.md5(content).hexdigest()
     assert size_of(tmp_path / "a") == 1281
@@ -44,5 +44,5 @@ def test_what_there_is_not(tmp_path: Path):
             ask(tmp_path / "nowhere")
     (tmp_path / "a").touch()
     for name in ("sha0", "shake_128"):
-        with pytest.raises(ValueError, match=f"no digest '{name}'"):
+        with pytest.raises(ValueError, match=f"got '{name}'"):
             digest(tmp_path / "a", algorithm=name)

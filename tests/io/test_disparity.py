@@ -50,20 +50,20 @@ def test_integers_are_refused_in_one_sentence(tmp_path: Path):
         with pytest.raises(FormatError) as caught:
             read_disparity(tmp_path / name)
         assert str(caught.value) == (
-            f"{tmp_path / name} holds {dtype}, whose levels are no disparities in pixels: give "
-            "PFM, a TIFF of floats or .npy."
+            f"{tmp_path / name} must hold floats, got {dtype}, whose levels are not disparities "
+            "in pixels: give PFM, a TIFF of floats or .npy."
         )
 
 
 def test_other_shapes(tmp_path: Path):
     write_pfm(tmp_path / "a.pfm", np.ones((5, 7, 3)))
-    with pytest.raises(FormatError, match=r"shape \(5, 7, 3\); a disparity map has \(y, x\)"):
+    with pytest.raises(FormatError, match=r"map must have shape \(y, x\), got \(5, 7, 3\)"):
         read_disparity(tmp_path / "a.pfm")
     np.save(tmp_path / "a.npy", np.ones((7, 5)))
-    with pytest.raises(FormatError, match=r"has 7 x 5 pixels \(y, x\), but 5 x 7 are meant"):
+    with pytest.raises(FormatError, match=r"must have 5 x 7 pixels \(y, x\), got 7 x 5"):
         read_disparity(tmp_path / "a.npy", shape=SHAPE)
     np.save(tmp_path / "a.npy", np.ones((0, 5)))
-    with pytest.raises(FormatError, match=r"shape \(0, 5\)|cannot be read"):
+    with pytest.raises(FormatError, match=r"got \(0, 5\)|Cannot read"):
         read_disparity(tmp_path / "a.npy")
 
 

@@ -66,11 +66,15 @@ def test_points_are_where_they_were(tmp_path: Path) -> None:
 def test_what_is_no_point_cloud(tmp_path: Path) -> None:
     points = np.zeros((4, 3))
     for error, message, words in (
-        (ValueError, r"written as \.glb", (tmp_path / "a.gltf", points)),
-        (ShapeError, "Points have shape", (tmp_path / "a.glb", points[:, :2])),
-        (ShapeError, "one colour", (tmp_path / "a.glb", points, np.zeros((3, 3), np.uint8))),
+        (ValueError, r"must end in \.glb", (tmp_path / "a.gltf", points)),
+        (ShapeError, "Points must have shape", (tmp_path / "a.glb", points[:, :2])),
+        (
+            ShapeError,
+            "Colours must have the shape",
+            (tmp_path / "a.glb", points, np.zeros((3, 3), np.uint8)),
+        ),
         (ValueError, "uint8", (tmp_path / "a.glb", points, points)),
-        (ValueError, "finite place", (tmp_path / "a.glb", points * np.nan)),
+        (ValueError, "one finite point", (tmp_path / "a.glb", points * np.nan)),
     ):
         with pytest.raises(error, match=message):
             write_glb(*words)

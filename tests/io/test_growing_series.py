@@ -14,7 +14,7 @@ import pytest
 
 from clplen.errors import FormatError
 from clplen.io import read_volume_series, series_in
-from clplen.io.results.volume_series import VolumeSeries, count_whole
+from clplen.io.results.volume_series import VolumeSeries, count_complete
 
 SHAPE = (3, 7, 9)
 VOLUMES = np.random.default_rng(3).random((4, *SHAPE), np.float32)
@@ -31,7 +31,7 @@ def series(path: Path) -> VolumeSeries:
 def begun(path: Path) -> Path:
     """A series of two volumes of four; the file that says so."""
     file = series(path)
-    file.open(go_on=False)
+    file.open(resume=False)
     file.append(VOLUMES[:2], [{"name": "a"}, {"name": "b"}])
     if path.suffix == ".zarr":
         return path / ".zattrs"
@@ -41,7 +41,7 @@ def begun(path: Path) -> Path:
 def ended(path: Path) -> int:
     """Go on to the end, as a later run does; how many volumes were there."""
     file = series(path)
-    done = file.open(go_on=bool(series_in(path)[1]))
+    done = file.open(resume=bool(series_in(path)[1]))
     for t in range(done, 4):
         file.append(VOLUMES[t : t + 1], [{"name": str(t)}])
     file.end()
@@ -70,8 +70,8 @@ def test_a_damaged_description_is_none(tmp_path_factory: pytest.TempPathFactory)
                 damage = json.dumps(content)
             said.write_text(damage)
             assert series_in(path) == ({}, [])
-            assert count_whole(path) == 0
-            with pytest.raises(FormatError, match="no series of volumes"):
+            assert count_complete(path) == 0
+            with pytest.raises(FormatError, match="not a series of volumes"):
                 read_volume_series(path, 1)
             assert ended(path) == 0
 
@@ -85,7 +85,7 @@ def test_a_shape_that_the_file_cannot_hold(tmp_path: Path, suffix: str):
     said.write_text(json.dumps(content))
     with pytest.raises(FormatError, match="is truncated or damaged"):
         read_volume_series(path, 1)
-    assert count_whole(path) == 0
+    assert count_complete(path) == 0
     assert ended(path) == 2  # the shape of this run is known
 
 
@@ -121,7 +121,7 @@ def test_links_do_not_lead_to_files_of_others(
     begun(path)
     change(path, precious)
     if change is linked_time:
-        with pytest.raises(OSError, match="cannot be written"):
+        with pytest.raises(OSError, match="Cannot write"):
             ended(path)
     else:
         assert ended(path) == 0

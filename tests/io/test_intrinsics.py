@@ -57,22 +57,22 @@ def put(name: str, value: Any) -> Callable[[dict[str, Any]], None]:
 
 def test_what_is_wrong_is_one_sentence(tmp_path: Path):
     for change, message in [
-        (put("version", 2), "is of version 2, and version 1 is known"),
-        (put("format", "other"), "is no file of intrinsics"),
-        (without("matrix"), "has no 'matrix': the file is incomplete"),
+        (put("version", 2), "must have version 1, got 2"),
+        (put("format", "other"), "is not a file of intrinsics"),
+        (without("matrix"), "has no 'matrix': use 'clplen calibrate'"),
         (without("views"), "has no 'views'"),
         (put("matrix", [[1.0] * 5] * 4), r"matrix must have shape \(5, 5\), got \(4, 5\)"),
-        (put("matrix", [[1.0], [1.0, 2.0]]), "its matrix is an array of numbers"),
-        (put("matrix", "H"), "its matrix is an array of numbers"),
-        (put("matrix", None), "its matrix is empty"),
+        (put("matrix", [[1.0], [1.0, 2.0]]), "matrix must be an array of numbers"),
+        (put("matrix", "H"), "matrix must be an array of numbers"),
+        (put("matrix", None), "matrix must not be null"),
         (put("matrix", [[None] * 5] * 5), "matrix must be finite"),
-        (put("distortion", [0, 0, 0, 0, 0]), "its distortion is b_u, b_v, k1, k2, k3"),
-        (put("distortion", dict.fromkeys(("b_u", "b_v", "k1", "k2", "k3"), "x")), "its b_u is a f"),
-        (put("views", [3]), r"its views are two whole numbers, not \[3\]"),
-        (put("pixels", [0, 48]), "its pixels are two whole numbers from 1 on"),
+        (put("distortion", [0, 0, 0, 0, 0]), "distortion must have the keys b_u, b_v, k1, k2, k3"),
+        (put("distortion", dict.fromkeys(("b_u", "b_v", "k1", "k2", "k3"), "x")), "b_u must be"),
+        (put("views", [3]), r"views must be two integers, got \[3\]"),
+        (put("pixels", [0, 48]), "pixels must be two positive integers"),
         (put("pixels", [31, 50]), "got .*: H has 12 free numbers"),
-        (put("spacing", -1), "its spacing is positive"),
-        (put("rms", "small"), "its rms is a number"),
+        (put("spacing", -1), "spacing must be positive"),
+        (put("rms", "small"), "rms must be a number"),
         (put("view_rms", [[0.1]]), r"view_rms must have shape \(3, 4\)"),
     ]:
         path = tmp_path / "camera.json"
@@ -87,12 +87,12 @@ def test_what_is_wrong_is_one_sentence(tmp_path: Path):
 
 def test_what_is_no_file_of_intrinsics(tmp_path: Path):
     for text, message in [
-        ('{"format": NaN}', "holds NaN, which is no number"),
-        ('{"format": -Infinity}', "holds -Infinity"),
-        ("{", "is no JSON"),
-        ("[1]", "is no file of intrinsics"),
-        ("[" * 100_000, "is no JSON"),
-        ("\x00\xff", "is no JSON"),
+        ('{"format": NaN}', "has the invalid number NaN"),
+        ('{"format": -Infinity}', "has the invalid number -Infinity"),
+        ("{", "is not valid JSON"),
+        ("[1]", "is not a file of intrinsics"),
+        ("[" * 100_000, "is not valid JSON"),
+        ("\x00\xff", "is not valid JSON"),
     ]:
         path = tmp_path / "camera.json"
         path.write_bytes(text.encode("latin-1"))
@@ -101,7 +101,7 @@ def test_what_is_no_file_of_intrinsics(tmp_path: Path):
 
 
 def test_a_missing_file(tmp_path: Path):
-    with pytest.raises(FormatError, match=r"The intrinsics .*none.json cannot be read"):
+    with pytest.raises(FormatError, match=r"Cannot read the intrinsics .*none.json"):
         read_intrinsics(tmp_path / "none.json")
     with pytest.raises(TypeError, match="intrinsics must be an Intrinsics"):
         write_intrinsics(tmp_path / "none.json", np.eye(5))  # type: ignore[arg-type]

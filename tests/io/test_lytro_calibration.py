@@ -138,26 +138,26 @@ def refused(tmp_path: Path, place: Path, match: str, **words: object) -> None:
 def test_calibrations_that_do_not_fit(tmp_path: Path):
     place = write_folder(tmp_path / "c", twelve())
     refused(
-        tmp_path, place, rf"a\.lfr is of the camera X1, and .*c holds white images of {SERIAL}",
+        tmp_path, place, rf"a\.lfr was taken by the camera X1, but .*c has .* of {SERIAL}",
         serial="X1",
     )  # fmt: skip
-    refused(tmp_path, tmp_path / "none", "The calibration .*none is not there")
+    refused(tmp_path, tmp_path / "none", "The calibration .*none does not exist")
     (tmp_path / "empty").mkdir()
-    refused(tmp_path, tmp_path / "empty", "holds no white images of a Lytro camera")
+    refused(tmp_path, tmp_path / "empty", "has no white images of a Lytro camera")
     (tmp_path / "text").write_text("no archive")
-    refused(tmp_path, tmp_path / "text", "neither a folder, a tar archive nor a volume")
+    refused(tmp_path, tmp_path / "text", "must be a folder, a tar archive or a volume")
     files = twelve()
     files["MOD_0099.RAW"] = illum(flat(top=900.0))[0]
     files["MOD_0099.TXT"] = files["MOD_0005.TXT"]
     alike = write_folder(tmp_path / "alike", files)
-    refused(tmp_path, alike, r"Two white images .* alike, .*MOD_0005.*MOD_0099.*--white")
+    refused(tmp_path, alike, r"Two different .* equally well, .*MOD_0005.*MOD_0099.*--white")
     files = twelve()
     files["MOD_0005.RAW"] = files["MOD_0005.RAW"][:-40]
     cut = write_archive(tmp_path / "cut.tar", files)
-    refused(tmp_path, cut, r"MOD_0005\.RAW: .*it is cut off")
+    refused(tmp_path, cut, r"MOD_0005\.RAW: .*the file is truncated")
     whole = cut.read_bytes()
     (tmp_path / "half.tar").write_bytes(whole[: len(whole) // 2])
-    refused(tmp_path, tmp_path / "half.tar", r"half\.tar is no tar archive that is whole|cut off")
+    refused(tmp_path, tmp_path / "half.tar", r"half\.tar is not a complete tar archive|truncated")
     files = twelve() | {"MOD_0003.TXT": b'{"master": ['}
     refused(tmp_path, write_folder(tmp_path / "json", files), "MOD_0003.TXT: the metadata is no")
 
@@ -237,7 +237,7 @@ def test_a_lattice_is_sought_once(tmp_path: Path, monkeypatch, device: Device):
     next((tmp_path / "lattices").rglob("*.json")).write_text("{")
     with pytest.raises(AssertionError, match="sought again"):
         read_lightfield(path, device=device)
-    assert lenslet_frames.kept_lattice is lattice_cache.kept_lattice
+    assert lenslet_frames.cached_lattice is lattice_cache.cached_lattice
 
 
 def test_a_damaged_note_of_a_calibration_is_ignored(tmp_path: Path):

@@ -52,7 +52,7 @@ def test_weights(tmp_path: Path, device: Device):
 
 def test_several_blocks(tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatch):
     for block in [100, 1500]:
-        monkeypatch.setattr(array_sources, "_BLOCK", block)
+        monkeypatch.setattr(array_sources, "_BLOCK_BYTES", block)
         values = values_of((3, 2, 7, 11, 4))
         values[:, :, 2:5, :, 1] = 7  # a run that packs well
         savemat(tmp_path / "a.mat", {"LF": values}, do_compression=True)
@@ -72,7 +72,7 @@ def test_which_variable_and_order(tmp_path: Path, device: Device, caplog: pytest
     savemat(tmp_path / "a.mat", {"rays": values, "more": 2 * values, "s": "text"})
     lf = read_lightfield(tmp_path / "a.mat", device=device, dataset="more")
     np.testing.assert_array_equal(lf.to_numpy(), 2 * values)
-    with pytest.raises(FormatError, match="no variable 's' of real numbers; it holds rays"):
+    with pytest.raises(FormatError, match="no variable 's' of real numbers; it has rays"):
         read_lightfield(tmp_path / "a.mat", device=device, dataset="s")
 
 

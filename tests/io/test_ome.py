@@ -125,19 +125,19 @@ def test_one_frame_of_a_time_series(series: tuple[Path, np.ndarray], caplog):
     np.testing.assert_array_equal(frame, data[2, 0, 1])
     assert frame.dtype == np.uint16
     assert bayer is None
-    assert caplog.messages == [f"took frame 17 of 24 (T = 2, C = 0, Z = 1) of {path}"]
+    assert caplog.messages == [f"read frame 17 of 24 (T = 2, C = 0, Z = 1) of {path}"]
     np.testing.assert_array_equal(read_frame(path, frame=0)[0], data[0, 0, 0])
 
 
 def test_frames_that_are_not_there(series: tuple[Path, np.ndarray], tmp_path: Path):
     path, data = series
-    with pytest.raises(FormatError, match=r"holds 24 frames \(T = 3, C = 2, Z = 4\): give frame="):
+    with pytest.raises(FormatError, match=r"has 24 frames \(T = 3, C = 2, Z = 4\): give frame="):
         read_frame(path)
     for number in (24, -1):
-        with pytest.raises(FormatError, match=rf"frame={number}.*24 frames"):
+        with pytest.raises(FormatError, match=rf"frame must .* got {number}: .*24 frames"):
             read_frame(path, frame=number)
     tifffile.imwrite(tmp_path / "one.tif", data[0, 0, 0])
     np.testing.assert_array_equal(read_frame(tmp_path / "one.tif", frame=0)[0], data[0, 0, 0])
     (tmp_path / "a.png").write_bytes(b"x")
-    with pytest.raises(FormatError, match=r"frame= counts the frames of a TIFF"):
+    with pytest.raises(FormatError, match=r"frame= requires a TIFF"):
         read_frame(tmp_path / "a.png", frame=1)

@@ -183,7 +183,7 @@ def test_another_shape_is_replaced_only_on_demand(tmp_path: Path):
     write_ones(path, (2, 4, 5))
     assert levels(path)[0].shape == (2, 4, 5)
     assert (levels(path)[0] == 1).all()
-    said = r"s\.zarr is there already with shape \(2, 4, 5\), not \(3, 2, 4, 5\): replace it"
+    said = r"s\.zarr exists already with shape \(2, 4, 5\) instead of \(3, 2, 4, 5\): replace it"
     with pytest.raises(FileExistsError, match=said):
         write_ones(path, (2, 4, 5, 3))
     assert levels(path)[0].shape == (2, 4, 5)
@@ -204,7 +204,7 @@ def test_other_things_are_never_replaced(tmp_path: Path, device: Device):
     before = digest(tmp_path)
     for name in ("lf", "file", "folder", "damaged"):
         for replace in (False, True):
-            with pytest.raises(FileExistsError, match=rf"{name}\.zarr is there already and no OME"):
+            with pytest.raises(FileExistsError, match=rf"{name}\.zarr exists already and is not"):
                 write_ones(tmp_path / f"{name}.zarr", (2, 4, 5), replace=replace)
     assert digest(tmp_path) == before
     (tmp_path / "empty.zarr").mkdir()

@@ -93,7 +93,7 @@ def test_own_files(device, tmp_path_factory):
 
 def test_hdf5_in_chunks(device, tmp_path, monkeypatch):
     for chunks in [None, (2, 3, 7, 23, 1)]:
-        monkeypatch.setattr(array_sources, "_BLOCK", 500)
+        monkeypatch.setattr(array_sources, "_BLOCK_BYTES", 500)
         with h5py.File(tmp_path / "lf.h5", "w") as file:
             packed = {} if chunks is None else {"compression": "gzip"}
             file.create_dataset("any", data=samples(), chunks=chunks, **packed)

@@ -41,11 +41,19 @@ def test_without_colours(tmp_path: Path):
 def test_what_cannot_be_written(tmp_path: Path):
     path = tmp_path / "a.ply"
     refused(
-        (ValueError, r"as \.ply, not as .*a\.obj", lambda: write_ply(tmp_path / "a.obj", POINTS)),
-        (ShapeError, r"\(n, 3\), not \(4, 2\)", lambda: write_ply(path, POINTS[:, :2])),
-        (ShapeError, r"\(4, 3\), not \(3, 3\)", lambda: write_ply(path, POINTS, COLOURS[1:])),
-        (ValueError, "uint8, not float64", lambda: write_ply(path, POINTS, COLOURS / 255)),
-        (ValueError, "is ASCII", lambda: write_ply(path, POINTS, comment="µm")),
+        (
+            ValueError,
+            r"must end in \.ply .* got .*a\.obj",
+            lambda: write_ply(tmp_path / "a.obj", POINTS),
+        ),
+        (ShapeError, r"\(n, 3\), got \(4, 2\)", lambda: write_ply(path, POINTS[:, :2])),
+        (
+            ShapeError,
+            r"\(4, 3\) of the points, got \(3, 3\)",
+            lambda: write_ply(path, POINTS, COLOURS[1:]),
+        ),
+        (ValueError, "uint8, got float64", lambda: write_ply(path, POINTS, COLOURS / 255)),
+        (ValueError, "must be ASCII", lambda: write_ply(path, POINTS, comment="µm")),
     )
     assert not path.exists()
 
@@ -86,7 +94,7 @@ def test_half_a_camera():
         (ValueError, lengths, lambda: points_of(d, baseline=1)),
         (ValueError, lengths, lambda: points_of(d, focus_distance=1)),
         (ValueError, "focal_length must be positive", lambda: points_of(d, **zero)),
-        (ShapeError, r"\(y, x\), not \(3,\)", lambda: points_of(np.zeros(3))),
+        (ShapeError, r"\(y, x\), got \(3,\)", lambda: points_of(np.zeros(3))),
     )
 
 

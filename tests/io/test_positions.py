@@ -49,13 +49,13 @@ def test_a_table_in_any_order_of_rows_and_columns(tmp_path):
 
 def test_a_wrong_table_is_refused_with_its_line(tmp_path):
     for change, said in [
-        (lambda rows: rows[:-1], r"without the positions of 1 of 2 x 3 views.*\(v=1, u=2\)"),
-        (lambda rows: [*rows, rows[2]], r"line 8: the view v=0, u=2 is in line 4 already"),
-        (lambda rows: [*rows, "2,0,1,1"], r"line 8: there is no view v=2, u=0 among 2 x 3"),
-        (lambda rows: [*rows, "0.5,0,1,1"], r"line 8: there is no view v=0.5"),
-        (lambda rows: [*rows[:2], "0,2,1,north"], r"line 4: x is 'north', no number"),
-        (lambda rows: [*rows[:2], "0,2,nan,1"], r"line 4: y is 'nan', no number"),
-        (lambda rows: [*rows[:2], "0,2,1"], r"line 4: 3 columns where v,u,y,x"),
+        (lambda rows: rows[:-1], r"no positions for 1 of 2 x 3 views.*\(v=1, u=2\)"),
+        (lambda rows: [*rows, rows[2]], r"line 8: the view v=0, u=2 already occurs in line 4"),
+        (lambda rows: [*rows, "2,0,1,1"], r"line 8: .*indices from 0 of 2 x 3 .* got v=2, u=0"),
+        (lambda rows: [*rows, "0.5,0,1,1"], r"line 8: v and u must be indices .* got v=0.5"),
+        (lambda rows: [*rows[:2], "0,2,1,north"], r"line 4: x must be a number, got 'north'"),
+        (lambda rows: [*rows[:2], "0,2,nan,1"], r"line 4: y must be a number, got 'nan'"),
+        (lambda rows: [*rows[:2], "0,2,1"], r"line 4: .*must have the columns v,u,y,x, got 3"),
     ]:
         file = table(tmp_path, change(rows_of(places())))
         with pytest.raises(FormatError, match=rf"positions\.csv.*{said}"):
@@ -63,13 +63,13 @@ def test_a_wrong_table_is_refused_with_its_line(tmp_path):
 
 
 def test_what_is_no_table(tmp_path):
-    with pytest.raises(FormatError, match=r"There is no table of positions .*or give positions="):
+    with pytest.raises(FormatError, match=r"There is no table of positions .*or positions="):
         read_positions(tmp_path / "none.csv", VIEWS)
-    with pytest.raises(FormatError, match=r"line 1: .*begins with v,u,y,x, not with 'a,b'"):
+    with pytest.raises(FormatError, match=r"line 1: .*must be v,u,y,x, got 'a,b'"):
         read_positions(table(tmp_path, [], header="a,b"), VIEWS)
     file = tmp_path / "binary.csv"
     file.write_bytes(bytes(range(128, 256)))
-    with pytest.raises(FormatError, match=r"binary\.csv is no table of text"):
+    with pytest.raises(FormatError, match=r"binary\.csv is not a comma-separated table"):
         read_positions(file, VIEWS)
     file.write_bytes(b"1" * 100_000)
     with pytest.raises(FormatError, match=r"too large for the positions of 6 views"):
@@ -102,7 +102,7 @@ def test_one_row_and_one_column():
 def test_names_without_positions_are_refused():
     same = {(v, u): f"out_{v}_{u}_1.0_2.0.png" for v, u in np.ndindex(*VIEWS)}
     for names, message in (
-        (None, "needs views that are files with names"),
+        (None, "needs views in named files"),
         ({(0, 0): "view_0_0.png"}, r"view_0_0\.png has 2 numbers"),
         (same, "do not change with v"),
     ):

@@ -39,7 +39,7 @@ def test_a_raytrix_picture_with_its_lenses(
     tmp_path: Path, device: Device, frame: np.ndarray, calibration: RaytrixCalibration
 ):
     write_raytrix(tmp_path / "a.xml", calibration)
-    with pytest.raises(FormatError, match=r"no picture a beside .*give image="):
+    with pytest.raises(FormatError, match=r"has no picture a .*give image="):
         read_raw(tmp_path / "a.xml", device=device)
     write_picture(tmp_path / "a.png", frame)
     raw = read_raw(tmp_path / "a.xml", device=device)
@@ -60,7 +60,7 @@ def test_a_calibration_without_lens_types(
     write_raytrix(tmp_path / "a.xml", replace(calibration, lens_types=()))
     write_picture(tmp_path / "a.png", frame)
     for words in ({"path": "a.xml"}, {"path": "a.png", "grid": tmp_path / "a.xml"}):
-        with pytest.raises(FormatError, match=r"a\.xml has no <lens_type>.*add one for each kind"):
+        with pytest.raises(FormatError, match=r"a\.xml has no <lens_type>.*an element for each"):
             read_raw(tmp_path / words.pop("path"), device=device, **words)
     write_raytrix(tmp_path / "a.xml", calibration)
     raw = read_raw(tmp_path / "a.png", grid=tmp_path / "a.xml", device=device)
@@ -89,9 +89,9 @@ def test_a_frame_with_a_saved_grid(tmp_path: Path, device: Device, frame: np.nda
     np.testing.assert_array_equal(raw.to_numpy(), frame)
     assert (raw.lattice.row, raw.lattice.column) == (LATTICE.row, LATTICE.column)
     assert raw.lens_types == ()
-    read, other = partial(read_raw, tmp_path / "a.tif"), r"of shape \(41, 66\), not of \(40, 66\)"
+    read, other = partial(read_raw, tmp_path / "a.tif"), r"of shape \(40, 66\), got \(41, 66\)"
     refused(
-        (FormatError, r"a\.tif lie: give white=.*grid=", read),
+        (FormatError, r"a\.tif are unknown: give white=.*grid=", read),
         (ValueError, "not both", lambda: read(grid="g", white="w")),
         (FormatError, other, lambda: read_raw(tmp_path / "b.tif", grid=grid)),
     )
@@ -121,7 +121,7 @@ def test_white_and_dark(tmp_path: Path, device: Device):
     colour = read_raw(names[0], white=names[1], device=device)
     assert colour.lattice.pitch == pytest.approx((9.3, 9.3), rel=1e-3)
     write_picture(names[1], frame[:, 1:])
-    with pytest.raises(FormatError, match=r"white\.tif has shape \(90, 109\).*another camera"):
+    with pytest.raises(FormatError, match=r"white\.tif must have the shape .* got \(90, 109\)"):
         read_raw(names[0], white=names[1], device=device)
 
 
@@ -131,7 +131,7 @@ def test_frames_of_other_kinds(tmp_path: Path, frame: np.ndarray):
     np.testing.assert_array_equal(read, frame)
     assert bayer is None
     (tmp_path / "a.dat").write_bytes(b"12345678")
-    said = r"a\.dat is no raw frame: give a picture"
+    said = r"a\.dat is not a raw frame: give a picture"
     refused(
         (FormatError, "There is no file", lambda: read_frame(tmp_path / "b.png")),
         (FormatError, said, lambda: read_frame(tmp_path / "a.dat")),

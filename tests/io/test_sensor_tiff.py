@@ -154,11 +154,11 @@ def test_what_tiff_cannot_keep(exposed: dict[str, RawImage], tmp_path: Path) -> 
     deep = replace(SENSOR, bit_depth=17, white_level=None).record(exposed["GRBG"])
     clear = replace(raw, mosaic=(("R", "clear"),))
     for one, name, words, said in (
-        (exposed["GRBG"], path, {}, "TIFF holds the whole numbers of a sensor"),
+        (exposed["GRBG"], path, {}, "TIFF needs the digital numbers of a sensor"),
         (deep, path, {}, "up to 16 bits"),
         (clear, path, {}, "no number for the filter 'clear'"),
-        (raw, path, {"white_balance": (1.0, 0.0, 2.0)}, "three numbers above 0"),
-        (raw, tmp_path / "raw.h5", {"white_balance": (1.0, 1.0, 2.0)}, "kept by TIFF only"),
+        (raw, path, {"white_balance": (1.0, 0.0, 2.0)}, "three factors above 0"),
+        (raw, tmp_path / "raw.h5", {"white_balance": (1.0, 1.0, 2.0)}, "requires TIFF"),
     ):
         with pytest.raises(ValueError, match=said):
             write_raw(name, one, **words)
@@ -182,9 +182,9 @@ def test_damaged_tags_are_refused(exposed: dict[str, RawImage], tmp_path: Path) 
     lattice = tmp_path / "lattice.json"
     lattice_of(raw).save(lattice)
     for code, entry, said in (
-        (33422, {"value": 0x01020900}, "CFAPattern holds"),
+        (33422, {"value": 0x01020900}, "CFAPattern must hold"),
         (33421, {"value": 3}, "33421|CFAPattern"),
-        (50713, {"value": 0x00020002}, "BlackLevel holds 1 numbers, not 2 x 2"),
+        (50713, {"value": 0x00020002}, "BlackLevel must hold 2 x 2 numbers, got 1"),
     ):
         write_raw(path, raw)
         changed(path, code, **entry)

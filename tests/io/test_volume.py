@@ -63,10 +63,10 @@ def test_volumes_of_other_programs(tmp_path: Path) -> None:
     with tifffile.TiffWriter(tmp_path / "d.tif") as file:
         file.write(VOLUME[0])
         file.write(VOLUME[0, :, :3])
-    with pytest.raises(FormatError, match="its 2 pages are of 2 shapes or types"):
+    with pytest.raises(FormatError, match="its 2 pages have 2 different shapes or types"):
         read_volume(tmp_path / "d.tif")
     tifffile.imwrite(tmp_path / "e.tif", np.zeros((4, 5, 3), np.uint8), photometric="rgb")
-    with pytest.raises(FormatError, match=r"not \(z, y, x\)"):
+    with pytest.raises(FormatError, match=r"shape \(z, y, x\), got"):
         read_volume(tmp_path / "e.tif")
     with pytest.raises(FormatError, match=r"868 bytes, more than 60 \(the given limit"):
         read_volume(tmp_path / "c.tif", max_bytes=60)

@@ -161,7 +161,7 @@ PLACES: dict[str, Callable[[Path], None]] = {
     "structure with objects": lambda p: filtered(stored(p, 2), dtype=[["b", [["c", "|O"]]]]),
     "type of a filter": lambda path: filtered(stored(path, 2), filters=[DELTA]),
 }
-SAID = r"(packed by the codec '[\w.-]+', which is not accepted|data type .*, which is not accepted)"
+SAID = r"(packed with the codec '[\w.-]+'|data type .*), which is not accepted"
 
 
 def test_refused_and_not_run(tmp_path: Path, one_device: Device, sung: Path):
@@ -199,7 +199,7 @@ def test_volumes_and_depth_maps(tmp_path: Path, sung: Path):
         with pytest.raises(FormatError, match="codec 'canary', which is not accepted"):
             read(path)
     assert not is_volume(path)
-    with pytest.raises(FileExistsError, match="no OME-Zarr"):
+    with pytest.raises(FileExistsError, match="not an OME-Zarr"):
         write_image(path, cube[0])
     assert not sung.exists()
 
@@ -241,6 +241,4 @@ def test_filters_are_accepted(tmp_path: Path, one_device: Device):
             compressors=numcodecs.Zstd(),
         )  # fmt: skip
         array[...] = values()
-        np.testing.assert_array_equal(
-            read_lightfield(path, device=one_device).to_numpy(), values()
-        )
+        np.testing.assert_array_equal(read_lightfield(path, device=one_device).to_numpy(), values())

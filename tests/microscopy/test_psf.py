@@ -104,7 +104,7 @@ def test_parameters_tell_all_that_images_depend_on(device, precise):
 
 def test_what_cannot_be_is_said_before_anything_is_simulated(device, tmp_path, monkeypatch):
     monkeypatch.setattr(module, "_simulated", None)
-    with pytest.raises(FileNotFoundError, match="there is no folder"):
+    with pytest.raises(FileNotFoundError, match=r"the folder .* does not exist"):
         point_images(microscope(device), Z, path=tmp_path / "none" / "psf.h5")
     with pytest.raises(DeviceError, match="The plane at z = 20000 um needs"):
         point_images(microscope(device), [0.0, 0.02])
@@ -135,7 +135,7 @@ def test_file_is_read_when_it_fits(device, tmp_path, monkeypatch):
     good = path.read_bytes()
     text = good.index(b"clplen point images", good.index(b"GCOL")) - 16
     path.write_bytes(good[:text] + bytes(16) + good[text + 16 :])
-    with pytest.raises(FormatError, match="the texts at byte"):  # HDF5 would not end
+    with pytest.raises(FormatError, match="the strings at byte"):  # HDF5 would not end
         point_image_files.read_point_images(path)
 
 
@@ -143,7 +143,7 @@ def test_room_is_looked_for_before_and_after(device, tmp_path, monkeypatch):
     camera, path, least = microscope(device), tmp_path / "psf.h5", []
     monkeypatch.setattr(module, "check_space", lambda path, nbytes: least.append(nbytes))
     monkeypatch.setattr(files.shutil, "disk_usage", lambda _: SimpleNamespace(free=10**5))
-    with pytest.raises(OSError, match=r"takes [\d,]+ bytes, of which the disk has 100,000 free"):
+    with pytest.raises(OSError, match=r"needs [\d,]+ bytes, but the disk has only 100,000 free"):
         point_images(camera, 4 * Z, voxels_per_lenslet=1, path=path)
     monkeypatch.undo()
     assert not list(tmp_path.iterdir())
@@ -155,7 +155,7 @@ def test_room_is_looked_for_before_and_after(device, tmp_path, monkeypatch):
     monkeypatch.undo()
     monkeypatch.setattr(files.shutil, "disk_usage", lambda _: SimpleNamespace(free=least[0] - 1))
     monkeypatch.setattr(module, "_simulated", None)
-    with pytest.raises(OSError, match="of which the disk has"):
+    with pytest.raises(OSError, match="but the disk has only"):
         point_images(camera, 4 * Z, voxels_per_lenslet=1, path=tmp_path / "other.h5")
 
 

@@ -139,10 +139,10 @@ def test_options_out_of_range(tmp_path):
     for words, sentence in [
         ({"quality": 0}, "1 to 100"),
         ({"quality": 101}, "1 to 100"),
-        ({"downscale": 0}, "from 1 on"),
-        ({"downscale": 1.5}, "from 1 on"),
+        ({"downscale": 0}, "positive integer"),
+        ({"downscale": 1.5}, "positive integer"),
         ({"views": (0, 3)}, "at least 1 x 1"),
-        ({"compare": True}, "At least two"),
+        ({"compare": True}, "at least two"),
     ]:
         with pytest.raises(ValueError, match=sentence):
             clplen.io.write_html(tmp_path / "a.html", VIEWS, **words)
@@ -151,11 +151,11 @@ def test_options_out_of_range(tmp_path):
 
 def test_what_cannot_be_shown(tmp_path):
     for subject, error, sentence in [
-        ([], ValueError, "nothing to show"),
+        ([], ValueError, "at least one light field"),
         (np.zeros(5), ShapeError, "two to five axes"),
-        ("flower", TypeError, "not str"),
-        (object(), TypeError, "not object"),
-        (np.zeros((3, 3), complex), TypeError, "not ndarray"),
+        ("flower", TypeError, "got str"),
+        (object(), TypeError, "got object"),
+        (np.zeros((3, 3), complex), TypeError, "got ndarray"),
         (np.zeros((3, 3, 8, 9, 4), np.uint8), ShapeError, "one or three channels"),
         (np.full((3, 3, 8, 9), np.nan), ValueError, "NaN"),
     ]:
@@ -165,7 +165,7 @@ def test_what_cannot_be_shown(tmp_path):
 
 
 def test_another_suffix(tmp_path):
-    with pytest.raises(ValueError, match=r"written as \.html, not as .*a\.png"):
+    with pytest.raises(ValueError, match=r"must end in \.html .* got .*a\.png"):
         clplen.io.write_html(tmp_path / "a.png", VIEWS)
 
 

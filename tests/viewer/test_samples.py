@@ -8,7 +8,7 @@ import io
 import numpy as np
 from PIL import Image as Pillow
 
-from clplen.io.page.samples import MOST, Levels, downscaled, jpeg, packed_floats, png
+from clplen.io.page.samples import MAX_LEVEL, Levels, downscaled, jpeg, packed_floats, png
 
 
 def unpacked(data: bytes, shape: tuple[int, ...]) -> np.ndarray:
@@ -24,11 +24,11 @@ def test_floats_come_back_to_half_a_level():
         values = np.random.default_rng(3).normal(-2, 7, shape).astype(np.float32)
         levels = Levels.of(values)
         q = unpacked(levels.packed(values), shape)
-        assert q.max() <= MOST
+        assert q.max() <= MAX_LEVEL
         assert (
             np.abs(levels.low + levels.step * q.astype(float) - values).max() <= 0.51 * levels.step
         )
-        assert levels.step <= 1.001 * np.ptp(values) / MOST or np.ptp(values) == 0
+        assert levels.step <= 1.001 * np.ptp(values) / MAX_LEVEL or np.ptp(values) == 0
 
 
 def test_whole_numbers_stay_as_they_are():
@@ -41,13 +41,13 @@ def test_whole_numbers_stay_as_they_are():
 def test_the_highest_whole_number_is_not_taken_for_nan():
     values = np.array([[0, 65535]], np.uint16)
     q = unpacked(Levels.of(values).packed(values), (1, 2))
-    assert q.tolist() == [[0, MOST]]
+    assert q.tolist() == [[0, MAX_LEVEL]]
 
 
 def test_nan_has_a_level_of_its_own():
     values = np.array([[1.0, np.nan], [np.inf, -3.0]])
     q = unpacked(Levels.of(values).packed(values), (2, 2))
-    assert (q > MOST).tolist() == [[False, True], [True, False]]
+    assert (q > MAX_LEVEL).tolist() == [[False, True], [True, False]]
 
 
 def test_nothing_but_nan_and_nothing_but_one_value():

@@ -15,7 +15,7 @@ from clplen.batch.work.product_files import SUFFIXES, Product
 from clplen.batch.work.resources import Resources
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.config.setting_tables import take_settings
-from clplen.io.results.volume_series import count_whole, series_in
+from clplen.io.results.volume_series import count_complete, series_in
 from clplen.io.store.digest import digest
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.microscopy.deconvolution_files import read_picture, read_psf, write_result
@@ -95,7 +95,7 @@ def _write_series(
     job = series_provenance(pages, deconvolver.provenance, start, settings.rolling)
     about, records = series_in(path)
     can_resume = about.get("job") == job and settings.batch in (None, about.get("batch"))
-    if can_resume and count_whole(path) == len(pages) and path.exists():
+    if can_resume and count_complete(path) == len(pages) and path.exists():
         return
     batch = about["batch"] if can_resume and records else None
     writer = SeriesWriter(path, pages, deconvolver, job, batch=batch)

@@ -315,4 +315,4 @@ def _pictures(
     with console.progress_bar(len(viewpoints), "view") as bar:
         for picture, shift in zip(scene.pictures(viewpoints), shifts, strict=True):
             console.advance(bar, "views")
-            yield window.shown(picture, shift, size, sheet.samples(size))
+            yield window.render(picture, shift, size, sheet.samples(size))

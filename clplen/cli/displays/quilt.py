@@ -128,4 +128,4 @@ def _tiles(
     with progress_bar(layout.views, "view") as bar:
         for picture, shift in zip(scene.pictures(viewpoints), shifts, strict=True):
             advance(bar, "views")
-            yield window.shown(picture, shift, layout.tile)
+            yield window.render(picture, shift, layout.tile)

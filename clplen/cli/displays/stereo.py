@@ -65,7 +65,7 @@ def stereo(
     """
     from clplen.io import write_picture
     from clplen.io.displays.display_window import display_window
-    from clplen.io.displays.stereo import paired
+    from clplen.io.displays.stereo import combine_pair
 
     check_output(source, output, layout, (".png",))
     depth = {"depth_file": depth_file, "zero": zero, "disparities": disparities, "alphas": alphas}
@@ -82,8 +82,8 @@ def stereo(
     window = display_window(scene.lf.shape[2:4], shifts)
     size = (max(round(window.size[0]), 1), max(round(window.size[1]), 1))
     pictures = zip(scene.pictures(eyes), shifts, strict=True)
-    left, right = (window.shown(picture, shift, size) for picture, shift in pictures)
-    write_picture(output, paired(left, right, arrangement=kind, colours=colours))
+    left, right = (window.render(picture, shift, size) for picture, shift in pictures)
+    write_picture(output, combine_pair(left, right, arrangement=kind, colours=colours))
     click.echo(
         f"{output}: {kind} of the views at u = {eyes[0][1]:g} and {eyes[1][1]:g}; disparity "
         f"{scene.zero:.3g} lies in the plane of the picture."

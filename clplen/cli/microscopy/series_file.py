@@ -57,13 +57,13 @@ def write(
     request: SeriesRequest, settings: dict[str, Any], open_series: Callable[[], Deconvolver]
 ) -> None:
     """Write the missing volumes, which depend on ``settings``."""
-    from clplen.io.results.volume_series import count_whole, series_in
+    from clplen.io.results.volume_series import count_complete, series_in
     from clplen.microscopy.series_files import Remarks, SeriesWriter
 
     output, count = request.output, len(request.pages)
     about, records = series_in(output)
     resumes = bool(records) and _can_resume(request, about, settings, len(records))
-    if resumes and count_whole(output) == count and output.exists():
+    if resumes and count_complete(output) == count and output.exists():
         click.echo(f"{output} is up to date.")
         return
     series = open_series()

@@ -179,7 +179,7 @@ def is_focused_raw(source: Path, arguments: dict[str, Any]) -> bool:
     if not names:
         return False
     kind = kind_of(source)
-    if "white" not in kind.words:
+    if "white" not in kind.options:
         raise click.UsageError(
             f"--{names[0]} applies to {_ACCEPTED_INPUTS}, but {source} is {kind.name}."
         )

@@ -1,1 +1,4 @@
-"""Pictures for displays, glasses and prints, and cameras for other programs; may import formats."""
+"""Pictures for displays, glasses and prints, and cameras for other programs.
+
+Modules may import `clplen.io.formats`.
+"""

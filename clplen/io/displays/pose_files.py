@@ -1,9 +1,8 @@
-"""Views with their poses for other programs: transforms.json (NeRF) and COLMAP's text files.
+"""Views and poses for other programs: transforms.json (NeRF) and COLMAP's text files.
 
-transforms.json as instant-ngp and nerfstudio read it (docs.nerf.studio, Data conventions): poses
-camera to world, cameras with x right, y up and z back. COLMAP (colmap.github.io/format.html): poses
-world to camera, x right, y down, z ahead. Both count pixels from the corner of the first one, whose
-centre lies at 0.5.
+transforms.json of instant-ngp and nerfstudio (docs.nerf.studio, Data conventions) has poses camera
+to world, with x right, y up and z back. COLMAP (colmap.github.io/format.html) has poses world to
+camera, with x right, y down and z forward. In both, the centre of the first pixel is at 0.5.
 """
 
 from __future__ import annotations
@@ -39,32 +38,32 @@ def write_nerf(
     colours: ArrayLike | None = None,
     keep: ArrayLike | None = None,
 ) -> None:
-    """Write views and a transforms.json for instant-ngp, nerfstudio and programs like these.
+    """Write views and a transforms.json for instant-ngp, nerfstudio and similar programs.
 
-    Pictures are ``images/view_{v}_{u}.png``. The world is the centre view's camera: x right, y up,
-    z back. Principal points that shift from view to view stand with each frame, others on top.
+    Pictures are ``images/view_{v}_{u}.png``. The world is the camera of the centre view: x right, y
+    up, z back. Principal points that differ between views are stored per frame, otherwise once.
 
     Parameters
     ----------
     folder : path-like
-        New or empty.
+        New or empty folder.
     pictures : array_like
-        uint8, shape (v, u, y, x) or (v, u, y, x, 3).
+        Views, uint8 of shape (v, u, y, x) or (v, u, y, x, 3).
     cameras : ViewCameras
-        Of all views.
+        Cameras of all views.
     points : array_like, optional
-        Shape (n, 3), as `ViewCameras.points` gives them; written as points.ply, in the world's
-        axes, where nerfstudio looks for them. Those that are not finite are left out.
+        Points (n, 3) of `ViewCameras.points`, written as points.ply in world axes for nerfstudio.
+        Points that are not finite are left out.
     colours : array_like, optional
-        Of the points: shape (n, 3), uint8.
+        Colours of the points (n, 3), uint8.
     keep : array_like, optional
-        Shape (v, u); views where it is False are left out.
+        Mask (v, u); views that are False are left out.
 
     Raises
     ------
     ShapeError, ValueError, OSError
-        If pictures, cameras, points and colours do not fit together; if pictures are not uint8; if
-        the folder holds something, or cannot be written.
+        If pictures, cameras, points and colours do not match; if pictures are not uint8; if the
+        folder is not empty or not writable.
 
     Examples
     --------
@@ -78,7 +77,7 @@ def write_nerf(
     >>> frames[4]["file_path"], [row[3] for row in frames[4]["transform_matrix"]]
     ('images/view_00_04.png', [2.0, 1.0, 0.0, 1.0])
     """
-    pictures = _checked(pictures, cameras)
+    pictures = _checked_pictures(pictures, cameras)
     keep = None if keep is None else host_array(keep, "keep")
     fy, fx = cameras.focal
     height, width = cameras.size
@@ -91,14 +90,14 @@ def write_nerf(
         "h": height,
     }
     shared |= {"fl_x": fx, "fl_y": fy} | dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0)
-    alike = bool(np.ptp(cameras.principal, axis=(0, 1)).max() == 0)
+    has_shared_principal = bool(np.ptp(cameras.principal, axis=(0, 1)).max() == 0)
     frames = []
-    for v, u, name in _kept(pictures, keep):
+    for v, u, name in _selected_views(pictures, keep):
         cy, cx = (cameras.principal[v, u] + _CORNER).tolist()
         y, x = cameras.centres[v, u].tolist()
         pose = [[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, 0.0 - y], [0.0, 0.0, 1.0, 0.0], [0, 0, 0, 1.0]]
         frame = {"file_path": f"images/{name}", "transform_matrix": pose}
-        if alike:
+        if has_shared_principal:
             shared |= {"cx": cx, "cy": cy}
         else:
             frame |= {"cx": cx, "cy": cy}
@@ -126,33 +125,33 @@ def write_colmap(
     colours: ArrayLike | None = None,
     keep: ArrayLike | None = None,
 ) -> None:
-    """Write views and a sparse model in COLMAP's text format, as Gaussian splatting takes it.
+    """Write views and a sparse model in COLMAP's text format, for Gaussian splatting.
 
-    Pictures are ``images/view_{v}_{u}.png``; cameras.txt, images.txt and points3D.txt stand in
-    ``sparse/0``. The world is the centre view's camera: x right, y down, z ahead. Cameras are
-    PINHOLE: one for all views, or one a view where principal points shift.
+    Pictures are ``images/view_{v}_{u}.png``; cameras.txt, images.txt and points3D.txt are in
+    ``sparse/0``. The world is the camera of the centre view: x right, y down, z forward. Cameras
+    are PINHOLE: one for all views, or one per view if principal points differ.
 
     Parameters
     ----------
     folder : path-like
-        New or empty.
+        New or empty folder.
     pictures : array_like
-        uint8, shape (v, u, y, x) or (v, u, y, x, 3).
+        Views, uint8 of shape (v, u, y, x) or (v, u, y, x, 3).
     cameras : ViewCameras
-        Of all views.
+        Cameras of all views.
     points : array_like, optional
-        Shape (n, 3), as `ViewCameras.points` gives them; without tracks. Those that are not finite
-        are left out.
+        Points (n, 3) of `ViewCameras.points`, without tracks. Points that are not finite are left
+        out.
     colours : array_like, optional
-        Of the points: shape (n, 3), uint8; default grey.
+        Colours of the points (n, 3), uint8; default grey.
     keep : array_like, optional
-        Shape (v, u); views where it is False are left out.
+        Mask (v, u); views that are False are left out.
 
     Raises
     ------
     ShapeError, ValueError, OSError
-        If pictures, cameras, points and colours do not fit together; if pictures are not uint8; if
-        the folder holds something, or cannot be written.
+        If pictures, cameras, points and colours do not match; if pictures are not uint8; if the
+        folder is not empty or not writable.
 
     Examples
     --------
@@ -164,16 +163,16 @@ def write_colmap(
     ...     file.readlines()[-1]
     '1 PINHOLE 32 24 32.0 32.0 16.0 12.0\\n'
     """
-    pictures = _checked(pictures, cameras)
+    pictures = _checked_pictures(pictures, cameras)
     keep = None if keep is None else host_array(keep, "keep")
-    points, colours = _known(points, colours)
+    points, colours = _finite_points(points, colours)
     fy, fx = cameras.focal
     height, width = cameras.size
     lines = {"cameras": [f"# {MARK}: CAMERA_ID MODEL WIDTH HEIGHT FX FY CX CY"]}
     lines["images"] = [f"# {MARK}: IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then no points"]
     lines["points3D"] = [f"# {MARK}: POINT3D_ID X Y Z R G B ERROR"]
     numbers: dict[tuple[float, float], int] = {}
-    for image, (v, u, name) in enumerate(_kept(pictures, keep), 1):
+    for image, (v, u, name) in enumerate(_selected_views(pictures, keep), 1):
         cy, cx = (cameras.principal[v, u] + _CORNER).tolist()
         if (cy, cx) not in numbers:
             number = numbers[cy, cx] = len(numbers) + 1
@@ -183,8 +182,8 @@ def write_colmap(
             f"{image} 1 0 0 0 {0.0 - x} {0.0 - y} 0.0 {numbers[cy, cx]} {name}\n"
         )
     for number, (point, colour) in enumerate(zip(points, colours, strict=True), 1):
-        place = " ".join(repr(n) for n in point.tolist())
-        lines["points3D"].append(f"{number} {place} {' '.join(map(str, colour.tolist()))} 0")
+        coordinates = " ".join(repr(n) for n in point.tolist())
+        lines["points3D"].append(f"{number} {coordinates} {' '.join(map(str, colour.tolist()))} 0")
     with filling(folder) as target:
         _write_views(target, pictures, keep)
         (target / "sparse" / "0").mkdir(parents=True)
@@ -193,35 +192,40 @@ def write_colmap(
             file.write_text("\n".join(text) + "\n", encoding="ascii")
 
 
-def _checked(pictures: ArrayLike, cameras: ViewCameras) -> Array:
-    """Pictures, one a camera, in 8 bits."""
+def _checked_pictures(pictures: ArrayLike, cameras: ViewCameras) -> Array:
+    """Return uint8 pictures after a check of their shape against the cameras."""
     pictures = host_array(pictures, "The pictures of views")
     if pictures.dtype != np.uint8:
-        raise ValueError(f"The pictures of views are uint8, not {pictures.dtype}.")
-    wanted = (*cameras.centres.shape[:2], *cameras.size)
-    if pictures.shape not in (wanted, (*wanted, 3)):
+        raise ValueError(f"The pictures of views must be uint8, got {pictures.dtype}.")
+    expected = (*cameras.centres.shape[:2], *cameras.size)
+    if pictures.shape not in (expected, (*expected, 3)):
         raise ShapeError(
-            f"These cameras see pictures of shape {wanted} or {(*wanted, 3)}, not {pictures.shape}."
+            f"pictures must have shape {expected} or {(*expected, 3)} for these cameras, got "
+            f"{pictures.shape}."
         )
     return pictures
 
 
-def _known(points: ArrayLike | None, colours: ArrayLike | None) -> tuple[Array, Array]:
-    """Finite points (n, 3) and their colours."""
-    places = np.empty((0, 3)) if points is None else real_array(points, "Points", np.float64)
-    if places.ndim != 2 or places.shape[1] != 3:
-        raise ShapeError(f"Points have shape (n, 3), not {places.shape}.")
+def _finite_points(points: ArrayLike | None, colours: ArrayLike | None) -> tuple[Array, Array]:
+    """Return finite points (n, 3) and their colours."""
+    positions = np.empty((0, 3)) if points is None else real_array(points, "Points", np.float64)
+    if positions.ndim != 2 or positions.shape[1] != 3:
+        raise ShapeError(f"Points must have shape (n, 3), got {positions.shape}.")
     shades = (
-        np.full(places.shape, 128, np.uint8) if colours is None else host_array(colours, "Colours")
+        np.full(positions.shape, 128, np.uint8)
+        if colours is None
+        else host_array(colours, "Colours")
     )
-    if shades.shape != places.shape:
-        raise ShapeError(f"Colours have shape {places.shape} as the points, not {shades.shape}.")
-    finite = np.isfinite(places).all(1)
-    return places[finite], shades[finite]
+    if shades.shape != positions.shape:
+        raise ShapeError(
+            f"Colours must have the shape {positions.shape} of the points, got {shades.shape}."
+        )
+    finite = np.isfinite(positions).all(1)
+    return positions[finite], shades[finite]
 
 
-def _kept(pictures: Array, keep: Array | None) -> Iterator[tuple[int, int, str]]:
-    """(v, u, name) of every view that is written."""
+def _selected_views(pictures: Array, keep: Array | None) -> Iterator[tuple[int, int, str]]:
+    """Yield (v, u, name) of every written view."""
     for v, u in np.ndindex(*pictures.shape[:2]):
         if keep is None or keep[v, u]:
             yield v, u, f"view_{v:02d}_{u:02d}.png"
@@ -229,5 +233,5 @@ def _kept(pictures: Array, keep: Array | None) -> Iterator[tuple[int, int, str]]
 
 def _write_views(target: Path, pictures: Array, keep: Array | None) -> None:
     (target / "images").mkdir()
-    for v, u, name in _kept(pictures, keep):
+    for v, u, name in _selected_views(pictures, keep):
         write_picture(target / "images" / name, np.ascontiguousarray(pictures[v, u]))

@@ -1,4 +1,4 @@
-"""Two views as one picture: for red-cyan glasses, or side by side for the eyes as they are."""
+"""Two views as one picture: for red-cyan glasses, or side by side for the naked eye."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from clplen.io.formats.picture import encoded, linear
 
 Array = np.ndarray[Any, Any]
 
-# Eye by eye, linear red, green and blue in, the same out. Dubois: least squares for the primaries
-# of a screen through red-cyan filters.
+# Matrices from linear RGB of the left and of the right view to linear RGB. Dubois: least squares
+# for the primaries of a screen through red-cyan filters.
 _GREY = (0.2126, 0.7152, 0.0722)  # luminance of linear sRGB (IEC 61966-2-1:1999)
 _NONE = (0.0, 0.0, 0.0)
 ANAGLYPHS: dict[str, tuple[Any, Any]] = {
@@ -29,33 +29,32 @@ ARRANGEMENTS = ("anaglyph", "side-by-side", "cross-eyed")
 
 
 def anaglyph(left: ArrayLike, right: ArrayLike, *, colours: str = "dubois") -> Array:
-    """Return one picture for red-cyan glasses, red before the left eye.
+    """Return an anaglyph for red-cyan glasses, with red in front of the left eye.
 
     Parameters
     ----------
     left, right : array_like
-        uint8, sRGB as a screen shows it, shape (y, x) or (y, x, 3): what each eye is to see.
+        Pictures for the left and right eye, uint8 sRGB of shape (y, x) or (y, x, 3).
     colours : {"dubois", "colour", "grey"}
-        "dubois" comes nearest to the colours of both eyes through the filters, and has the least
-        ghosts; "colour" gives red to the left eye, green and blue to the right one; "grey" the
-        luminance to each.
+        Colour method. "dubois" best approximates the colours of both eyes with the least ghosting;
+        "colour" uses red of the left view and green and blue of the right view; "grey" uses the
+        luminance of each.
 
     Returns
     -------
     numpy.ndarray
-        uint8, shape (y, x, 3). Channels are mixed in linear light and clipped.
+        Picture, uint8 of shape (y, x, 3). Channels are mixed in linear light and clipped.
 
     Raises
     ------
     ShapeError, ValueError
-        If the pictures have different shapes, or others than these; if they are not uint8, or the
-        colours are none of these.
+        If the pictures have different or other shapes; if they are not uint8, or ``colours`` is
+        unknown.
 
     Notes
     -----
-    The method is that of Dubois (2001), Proc. ICASSP 3, 1661; the matrices for red-cyan glasses
-    and screens are his (2009), "Conversion of a Stereo Pair to Anaglyph with the Least-Squares
-    Projection Method".
+    Method: Dubois (2001), Proc. ICASSP 3, 1661. Matrices for red-cyan glasses and screens: Dubois
+    (2009), "Conversion of a Stereo Pair to Anaglyph with the Least-Squares Projection Method".
 
     Examples
     --------
@@ -66,9 +65,9 @@ def anaglyph(left: ArrayLike, right: ArrayLike, *, colours: str = "dubois") -> A
     [255, 0, 0]
     """
     if colours not in ANAGLYPHS:
-        known = ", ".join(map(repr, ANAGLYPHS))
-        raise ValueError(f"The colours of an anaglyph are {known}, not {colours!r}.")
-    pair = [_in_colour(picture) for picture in _checked(left, right)]
+        names = ", ".join(map(repr, ANAGLYPHS))
+        raise ValueError(f"colours must be {names}, got {colours!r}.")
+    pair = [_as_rgb(picture) for picture in _checked_pair(left, right)]
     mixed = sum(
         linear(picture).astype(np.float64) @ np.transpose(matrix)
         for picture, matrix in zip(pair, ANAGLYPHS[colours], strict=True)
@@ -76,31 +75,31 @@ def anaglyph(left: ArrayLike, right: ArrayLike, *, colours: str = "dubois") -> A
     return np.rint(255 * encoded(np.asarray(mixed))).astype(np.uint8)
 
 
-def paired(
+def combine_pair(
     left: ArrayLike, right: ArrayLike, *, arrangement: str, colours: str = "dubois"
 ) -> Array:
-    """Return two pictures as one."""
+    """Return two pictures combined into one, as an anaglyph or side by side."""
     if arrangement not in ARRANGEMENTS:
-        known = ", ".join(map(repr, ARRANGEMENTS))
-        raise ValueError(f"Two views are arranged as {known}, not {arrangement!r}.")
+        names = ", ".join(map(repr, ARRANGEMENTS))
+        raise ValueError(f"arrangement must be {names}, got {arrangement!r}.")
     if arrangement == "anaglyph":
         return anaglyph(left, right, colours=colours)
-    pair = _checked(left, right)
+    pair = _checked_pair(left, right)
     return np.concatenate(pair if arrangement == "side-by-side" else pair[::-1], axis=1)
 
 
-def _checked(left: ArrayLike, right: ArrayLike) -> tuple[Array, Array]:
+def _checked_pair(left: ArrayLike, right: ArrayLike) -> tuple[Array, Array]:
     left, right = (host_array(picture, "A picture") for picture in (left, right))
     if left.shape != right.shape or left.ndim not in (2, 3) or left.shape[2:] not in ((), (3,)):
         raise ShapeError(
-            f"The pictures for two eyes have one shape, (y, x) or (y, x, 3), not {left.shape} and "
+            f"Both pictures must have the same shape, (y, x) or (y, x, 3), got {left.shape} and "
             f"{right.shape}."
         )
     for picture in (left, right):
         if picture.dtype != np.uint8:
-            raise ValueError(f"The pictures for two eyes are uint8, not {picture.dtype}.")
+            raise ValueError(f"Both pictures must be uint8, got {picture.dtype}.")
     return left, right
 
 
-def _in_colour(picture: Array) -> Array:
+def _as_rgb(picture: Array) -> Array:
     return picture if picture.ndim == 3 else np.repeat(picture[..., None], 3, axis=2)

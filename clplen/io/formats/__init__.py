@@ -1,5 +1,5 @@
-"""One codec a file: pictures, floats, points and containers of bytes, to and from arrays.
+"""Codecs, one per module: pictures, floats, points and byte containers, to and from arrays.
 
-Arrays and paths come in, arrays and files leave; no light field, no device. Files of unknown origin
-are bounded by `clplen.io.formats.untrusted`.
+Functions take arrays and paths and return arrays or write files, without light fields or devices.
+`clplen.io.formats.untrusted` limits the memory that untrusted files may use.
 """

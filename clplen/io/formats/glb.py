@@ -1,4 +1,4 @@
-"""Point clouds as binary glTF 2.0 (ISO/IEC 12113:2022), which browsers and 3-D programs open."""
+"""Point clouds as binary glTF 2.0 (ISO/IEC 12113:2022), for browsers and 3-D programs."""
 
 from __future__ import annotations
 
@@ -22,36 +22,35 @@ _JSON, _BINARY = 0x4E4F534A, 0x004E4942  # types of chunks
 _FLOAT, _SHORT = 5126, 5123  # types of components
 _POINTS = 0  # mode of a primitive
 _VERTICES = 34962  # target of a view of a buffer
-_AXES = np.array([1.0, -1.0, -1.0])  # glTF: x right, y up, z towards the eye
-_LARGEST = 2**32 - 1  # bytes of a file
+_AXES = np.array([1.0, -1.0, -1.0])  # glTF: x right, y up, z towards the viewer
+_MAX_FILE_BYTES = 2**32 - 1  # length field of 32 bits
 
 
 def write_glb(
     path: PathLike, points: ArrayLike, colours: ArrayLike | None = None, *, comment: str = ""
 ) -> None:
-    """Write points, each with its colour, as binary glTF.
+    """Write points and their colours as binary glTF.
 
-    The axes of glTF are x right, y up and z towards the eye: y and z change their signs. Colours
-    are decoded from sRGB, since glTF holds linear ones, in 16 bits.
+    glTF has x right, y up and z towards the viewer, so y and z change sign. Colours are decoded
+    from sRGB to the linear colours of glTF, in 16 bits.
 
     Parameters
     ----------
     path : path-like
-        ``.glb``.
+        ``.glb`` file.
     points : array_like
-        Shape (n, 3): x right, y down, z along the optical axis, in metres; stored as float32.
-        Points with a coordinate that is NaN or infinite are left out.
+        Points (n, 3): x right, y down, z along the optical axis, in metres; stored as float32.
+        Points with a NaN or infinite coordinate are left out.
     colours : array_like, optional
-        Shape (n, 3), uint8: red, green, blue of sRGB.
+        sRGB colours (n, 3), uint8.
     comment : str, optional
-        What the coordinates are; kept in ``asset.extras``.
+        Meaning of the coordinates, stored in ``asset.extras``.
 
     Raises
     ------
     ValueError, ShapeError, OSError
-        If the suffix is another one, colours are no uint8, no point is finite, or they fill more
-        than 4 GiB; if points are not (n, 3), or colours have another shape; if the file cannot be
-        written.
+        If the suffix is not ``.glb``, colours are not uint8, no point is finite, or the file
+        exceeds 4 GiB; if shapes are wrong; if the file cannot be written.
 
     Examples
     --------
@@ -62,25 +61,27 @@ def write_glb(
     b'glTF'
     """
     if Path(path).suffix.lower() != ".glb":
-        raise ValueError(f"Binary glTF is written as .glb, not as {path}.")
+        raise ValueError(f"path must end in .glb for binary glTF, got {path}.")
     points, colours = checked_points(points, colours)
     with np.errstate(over="ignore"):
-        places = (points * _AXES).astype("<f4")
-    kept = np.isfinite(places).all(1)
-    if not kept.any():
-        raise ValueError("None of the points has a finite place: glTF holds one at least.")
-    parts = [places[kept]]
+        coordinates = (points * _AXES).astype("<f4")
+    is_valid = np.isfinite(coordinates).all(1)
+    if not is_valid.any():
+        raise ValueError("points must have at least one finite point for glTF.")
+    parts = [coordinates[is_valid]]
     if colours is not None:
-        rgba = np.ones((int(kept.sum()), 4))
-        rgba[:, :3] = linear(colours[kept])
+        rgba = np.ones((int(is_valid.sum()), 4))
+        rgba[:, :3] = linear(colours[is_valid])
         parts.append(np.rint(65535 * rgba).astype("<u2"))
-    text = json.dumps(_described(parts, comment), separators=(",", ":")).encode()
+    text = json.dumps(_scene(parts, comment), separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     size = sum(part.nbytes for part in parts)  # 12 and 8 bytes a point: a multiple of 4
-    whole = 12 + 8 + len(text) + 8 + size
-    if whole > _LARGEST:
-        raise ValueError(f"{len(parts[0])} points fill {whole:,} bytes; glTF holds up to 4 GiB.")
-    head = np.array([_MAGIC, _VERSION, whole, len(text), _JSON], "<u4")
+    total = 12 + 8 + len(text) + 8 + size
+    if total > _MAX_FILE_BYTES:
+        raise ValueError(
+            f"glTF files must be smaller than 4 GiB, got {total:,} bytes: write fewer points."
+        )
+    head = np.array([_MAGIC, _VERSION, total, len(text), _JSON], "<u4")
     with replacing(path) as temporary, temporary.open("wb") as file:
         file.write(head.tobytes() + text + np.array([size, _BINARY], "<u4").tobytes())
         for part in parts:
@@ -90,15 +91,15 @@ def write_glb(
 def write_points(
     path: PathLike, points: ArrayLike, colours: ArrayLike | None = None, *, comment: str = ""
 ) -> None:
-    """Write a point cloud as PLY or binary glTF, by the suffix; words as for `write_glb`."""
+    """Write a point cloud as PLY or binary glTF, by the suffix; arguments as for `write_glb`."""
     write = write_glb if Path(path).suffix.lower() == ".glb" else write_ply
     write(path, points, colours, comment=comment)
 
 
-def _described(parts: list[Array], comment: str) -> dict[str, Any]:
-    """The scene in JSON: one mesh of points."""
-    places = parts[0]
-    count, start = len(places), 0
+def _scene(parts: list[Array], comment: str) -> dict[str, Any]:
+    """Return the scene as JSON: a mesh of points."""
+    coordinates = parts[0]
+    count, start = len(coordinates), 0
     views: list[dict[str, int]] = []
     for part in parts:
         size = part.nbytes
@@ -106,7 +107,7 @@ def _described(parts: list[Array], comment: str) -> dict[str, Any]:
         start += size
     accessors: list[dict[str, Any]] = [
         {"bufferView": 0, "componentType": _FLOAT, "count": count, "type": "VEC3",
-         "min": places.min(0).tolist(), "max": places.max(0).tolist()}
+         "min": coordinates.min(0).tolist(), "max": coordinates.max(0).tolist()}
     ]  # fmt: skip
     attributes = {"POSITION": 0}
     if len(parts) > 1:

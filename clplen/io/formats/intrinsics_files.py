@@ -23,8 +23,8 @@ _UNITS = {
     "rms": "pixels",
 }
 _DISTORTION = ("b_u", "b_v", "k1", "k2", "k3")
-_LARGEST = 1 << 24  # bytes of a file
-_Words = dict[str, Any]
+_MAX_FILE_BYTES = 1 << 24
+_Fields = dict[str, Any]
 
 
 def write_intrinsics(path: PathLike, intrinsics: Intrinsics) -> None:
@@ -33,9 +33,9 @@ def write_intrinsics(path: PathLike, intrinsics: Intrinsics) -> None:
     Parameters
     ----------
     path : path-like
-        Usually ``.json``; an existing file is replaced.
+        Output file, usually ``.json``; an existing file is replaced.
     intrinsics : Intrinsics
-        Of `clplen.lightfield.calibrate`.
+        Intrinsics of `clplen.lightfield.calibrate`.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def write_intrinsics(path: PathLike, intrinsics: Intrinsics) -> None:
     """
     require(Intrinsics, intrinsics, "intrinsics", "calibrate")
     V, U, ny, nx = intrinsics.shape
-    words: _Words = {
+    fields: _Fields = {
         "format": FORMAT,
         "version": VERSION,
         "units": _UNITS,
@@ -66,38 +66,38 @@ def write_intrinsics(path: PathLike, intrinsics: Intrinsics) -> None:
         "view_rms": _numbers(intrinsics.view_rms),
         "deviations": _numbers(intrinsics.deviations),
     }
-    text = json.dumps(words, indent=1, allow_nan=False)
+    text = json.dumps(fields, indent=1, allow_nan=False)
     with replacing(path) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
 
 
 def _numbers(values: Any) -> Any:
-    """Numbers and lists of them, with None in place of NaN."""
+    """Return nested lists of numbers, with None for NaN."""
     if values is None:
         return None
-    known = np.asarray(values, float)
-    if known.ndim == 0:
-        return float(known) if np.isfinite(known) else None
-    return [_numbers(part) for part in known]
+    array = np.asarray(values, float)
+    if array.ndim == 0:
+        return float(array) if np.isfinite(array) else None
+    return [_numbers(part) for part in array]
 
 
 def read_intrinsics(path: PathLike) -> Intrinsics:
-    """Read what `write_intrinsics` wrote.
+    """Read a file of `write_intrinsics`.
 
     Parameters
     ----------
     path : path-like
-        The JSON file.
+        JSON file of `write_intrinsics`.
 
     Returns
     -------
     Intrinsics
-        The camera.
+        Intrinsics of the camera.
 
     Raises
     ------
     FormatError
-        If the file is missing, damaged, of another kind or version, or describes no camera.
+        If the file is missing, damaged, of another kind or version, or invalid.
 
     Examples
     --------
@@ -109,100 +109,104 @@ def read_intrinsics(path: PathLike) -> Intrinsics:
     <Intrinsics of 3 x 3 views of 32 x 48 pixels, focal length 500 px, baseline 1 mm>
     """
     path = Path(path)
-    words = _parsed(path)
-    if words.get("format") != FORMAT:
-        _refuse(path, f"is no file of intrinsics, whose format is {FORMAT!r}: 'clplen calibrate'")
-    if words.get("version") != VERSION:
+    fields = _parse(path)
+    if fields.get("format") != FORMAT:
+        _refuse(path, f"is not a file of intrinsics (format {FORMAT!r}): use 'clplen calibrate'")
+    if fields.get("version") != VERSION:
         raise FormatError(
-            f"{path} is of version {words.get('version')!r}, and version {VERSION} is known: take "
-            "a newer clplen, or calibrate again."
+            f"{path} must have version {VERSION}, got {fields.get('version')!r}: install a newer "
+            "clplen, or calibrate again."
         )
-    missing = [name for name in ("views", "pixels", "matrix", "distortion") if name not in words]
+    missing = [name for name in ("views", "pixels", "matrix", "distortion") if name not in fields]
     if missing:
-        _refuse(path, f"has no {' and no '.join(map(repr, missing))}: the file is incomplete;")
+        _refuse(path, f"has no {' and no '.join(map(repr, missing))}: use 'clplen calibrate'")
     try:
-        return _made(path, words)
+        return _build(path, fields)
     except (ValueError, ShapeError, OverflowError) as error:
-        raise FormatError(f"{path} describes no camera: {error}") from error
+        raise FormatError(f"{path} is not a valid camera: {error}") from error
 
 
 def _refuse(path: Path, what: str) -> NoReturn:
-    raise FormatError(f"{path} {what} makes one from light fields of a checkerboard.")
+    raise FormatError(f"{path} {what} on light fields of a checkerboard.")
 
 
-def _parsed(path: Path) -> _Words:
-    """The object of a JSON file."""
+def _parse(path: Path) -> _Fields:
+    """Return the object of a JSON file."""
 
     def constant(name: str) -> NoReturn:
-        raise FormatError(f"{path} holds {name}, which is no number: calibrate again.")
+        raise FormatError(f"{path} has the invalid number {name}: calibrate again.")
 
     if path.exists():
         require_file(path, "file of intrinsics")
     try:
-        if path.stat().st_size > _LARGEST:
-            raise FormatError(f"{path} is larger than any file of intrinsics: name another.")
+        if path.stat().st_size > _MAX_FILE_BYTES:
+            raise FormatError(
+                f"{path} is too large to be a file of intrinsics: choose another file."
+            )
         text = path.read_text(encoding="utf-8")
-        words = json.loads(text, parse_constant=constant)
+        fields = json.loads(text, parse_constant=constant)
     except OSError as error:
-        raise FormatError(f"The intrinsics {path} cannot be read ({error}).") from error
+        raise FormatError(f"Cannot read the intrinsics {path} ({error}).") from error
     except (ValueError, RecursionError) as error:
-        raise FormatError(f"{path} is no JSON ({error}): name a file of intrinsics.") from error
-    if not isinstance(words, dict):
-        _refuse(path, "is no file of intrinsics: 'clplen calibrate'")
-    return words
+        raise FormatError(
+            f"{path} is not valid JSON ({error}): choose a file of intrinsics."
+        ) from error
+    if not isinstance(fields, dict):
+        _refuse(path, "is not a file of intrinsics: use 'clplen calibrate'")
+    return fields
 
 
-def _made(path: Path, words: _Words) -> Intrinsics:
-    """The camera of a file whose keys are there."""
-    bent = words["distortion"]
-    if not isinstance(bent, dict) or set(bent) != set(_DISTORTION):
-        raise ValueError(f"its distortion is {', '.join(_DISTORTION)}, each once.")
-    board, spacing, rms = (words.get(name) for name in ("board", "spacing", "rms"))
+def _build(path: Path, fields: _Fields) -> Intrinsics:
+    """Build the camera of a file whose keys are complete."""
+    distortion = fields["distortion"]
+    if not isinstance(distortion, dict) or set(distortion) != set(_DISTORTION):
+        raise ValueError(f"distortion must have the keys {', '.join(_DISTORTION)}.")
+    board, spacing, rms = (fields.get(name) for name in ("board", "spacing", "rms"))
     if spacing is not None and not (is_finite(spacing) and spacing > 0):
-        raise ValueError(f"its spacing is positive, in metres, not {spacing!r}.")
+        raise ValueError(f"spacing must be positive, in metres, got {spacing!r}.")
     if rms is not None and not (is_finite(rms) and rms >= 0):
-        raise ValueError(f"its rms is a number of pixels, not {rms!r}.")
-    boards = _array("board_rms", words.get("board_rms"))
+        raise ValueError(f"rms must be a number of pixels, got {rms!r}.")
+    boards = _array("board_rms", fields.get("board_rms"))
     if boards is not None and boards.ndim != 1:
-        raise ValueError("its board_rms is a list of numbers.")
-    views, pixels = (_pair(name, words[name]) for name in ("views", "pixels"))
-    matrix = _array("matrix", words["matrix"])
+        raise ValueError("board_rms must be a list of numbers.")
+    views, pixels = (_pair(name, fields[name]) for name in ("views", "pixels"))
+    matrix = _array("matrix", fields["matrix"])
     assert matrix is not None
     return Intrinsics(
         matrix,
-        np.array([_number(name, bent[name]) for name in _DISTORTION]),
+        np.array([_number(name, distortion[name]) for name in _DISTORTION]),
         (*views, *pixels),
         float("nan") if rms is None else float(rms),
         None if board is None else _pair("board", board),
         None if spacing is None else float(spacing),
         boards,
-        _array("view_rms", words.get("view_rms")),
-        _array("deviations", words.get("deviations")),
+        _array("view_rms", fields.get("view_rms")),
+        _array("deviations", fields.get("deviations")),
     )
 
 
 def _pair(name: str, value: Any) -> tuple[int, int]:
-    """Two whole numbers from 1 on."""
+    """Return two positive integers."""
     if not isinstance(value, list) or len(value) != 2 or not all(map(is_integer, value)):
-        raise ValueError(f"its {name} are two whole numbers, not {value!r}.")
+        raise ValueError(f"{name} must be two integers, got {value!r}.")
     if min(value) < 1:
-        raise ValueError(f"its {name} are two whole numbers from 1 on, not {value!r}.")
+        raise ValueError(f"{name} must be two positive integers, got {value!r}.")
     return int(value[0]), int(value[1])
 
 
 def _number(name: str, value: Any) -> float:
     if not is_finite(value) or isinstance(value, bool):
-        raise ValueError(f"its {name} is a finite number, not {value!r}.")
+        raise ValueError(f"{name} must be a finite number, got {value!r}.")
     return float(value)
 
 
 def _array(name: str, value: Any) -> np.ndarray[Any, Any] | None:
-    """An array of numbers, NaN where the file has null; None of nothing."""
+    """Return an array of numbers, NaN for null; None for a missing array."""
     if value is None:
         if name == "matrix":
-            raise ValueError("its matrix is empty.")
+            raise ValueError("matrix must not be null.")
         return None
     try:
         return float64_array(value)
     except (TypeError, ValueError):
-        raise ValueError(f"its {name} is an array of numbers.") from None
+        raise ValueError(f"{name} must be an array of numbers.") from None

@@ -1,4 +1,4 @@
-"""NumPy files (.npy): written whole or not at all, read without pickles."""
+"""NumPy files (.npy), written atomically and read without pickles."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from clplen.outputs import NPY_HEADER
 
 MAGIC = b"\x93NUMPY"
 SUFFIXES = (".npy",)
-_VERSION = b"\x01\0"  # the length of the header follows in two bytes
+_VERSION = b"\x01\0"  # header length of two bytes
 
 
 def write_npy(path: PathLike, values: ArrayLike, *, durable: bool = False) -> None:
@@ -25,16 +25,16 @@ def write_npy(path: PathLike, values: ArrayLike, *, durable: bool = False) -> No
     Parameters
     ----------
     path : path-like
-        The file; its name is taken as it is.
+        Output file; no suffix is added.
     values : array_like
         Real numbers; written in C order.
     durable : bool
-        Whether to wait until the disk has the file, as in `clplen.files.replacing`.
+        True to wait until the file is on disk, as in `clplen.files.replacing`.
 
     Raises
     ------
     ValueError, OSError
-        If the values are no real numbers; if the file cannot be written.
+        If the values are not real numbers; if the file cannot be written.
 
     Examples
     --------
@@ -57,24 +57,24 @@ def write_npy(path: PathLike, values: ArrayLike, *, durable: bool = False) -> No
 
 
 def read_npy(path: PathLike, *, max_bytes: int | None = None) -> np.ndarray[Any, Any]:
-    """Read an array of real numbers; it is never unpickled.
+    """Read an array of real numbers without unpickling.
 
     Parameters
     ----------
     path : path-like
-        A ``.npy`` file.
+        ``.npy`` file.
     max_bytes : int, optional
-        Largest allocation that the file may ask for; default half of the free memory.
+        Largest allocation that the file may cause; default half of the free memory.
 
     Returns
     -------
     numpy.ndarray
-        In memory, with the shape and dtype of the file.
+        Array in memory, with the shape and dtype of the file.
 
     Raises
     ------
     FormatError
-        If it is missing, damaged, or holds something else.
+        If the file is missing, damaged, or has other contents.
 
     Examples
     --------
@@ -85,18 +85,18 @@ def read_npy(path: PathLike, *, max_bytes: int | None = None) -> np.ndarray[Any,
     """
     values = map_npy(path)
     if values.dtype.kind not in "buif":
-        raise FormatError(f"{path} holds {values.dtype}, no real numbers.")
+        raise FormatError(f"{path} must hold real numbers, got {values.dtype}.")
     Bound(Path(path), Path(path).stat().st_size, 1, max_bytes).require(values.nbytes, "its array")
     return np.array(values)
 
 
 def map_npy(path: PathLike, *, what: str = "an array") -> np.ndarray[Any, Any]:
-    """An array that is mapped, so that it cannot be larger than its file; it is never unpickled."""
+    """Map an array from its file, without unpickling; it cannot be larger than the file."""
     noun = what.partition(" ")[2]
     if not Path(path).is_file():
         raise FormatError(f"There is no {noun} {path}.")
     try:
         return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
-    except Exception as error:  # NumPy raises all kinds on damaged headers
+    except Exception as error:  # NumPy raises any exception on damaged headers
         reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise FormatError(f"{path} cannot be read ({reason[:200]}).") from error
+        raise FormatError(f"Cannot read {path} ({reason[:200]}).") from error

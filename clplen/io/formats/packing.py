@@ -1,4 +1,4 @@
-"""How the pixels of a raw image lie in bytes: Lytro's 10 and 12 bits, and whole bytes."""
+"""Packing of raw pixels in bytes: Lytro's 10 and 12 bits, and whole bytes."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from clplen.errors import FormatError
 Bytes = np.ndarray[Any, np.dtype[np.uint8]]
 Frame = np.ndarray[Any, np.dtype[np.uint16]]
 
-_LARGEST = 1 << 16  # pixels a side
-# Bits and byte order: pixels and bytes of a group.
+_MAX_SIDE = 1 << 16  # pixels
+# Pixels and bytes of a group, by bits and byte order.
 _GROUPS = {
     (8, "little"): (1, 1),
     (8, "big"): (1, 1),
@@ -23,14 +23,14 @@ _GROUPS = {
     (16, "little"): (1, 2),
     (16, "big"): (1, 2),
 }
-_BAND = 1 << 18  # groups of pixels that are unpacked at a time
-_BAYER = {"r": "RGGB", "gr": "GRBG", "gb": "GBRG", "b": "BGGR"}  # by the pixel at the upper left
+_BAND = 1 << 18  # groups of pixels unpacked at a time
+_BAYER = {"r": "RGGB", "gr": "GRBG", "gb": "GBRG", "b": "BGGR"}  # by the upper left pixel
 _TILE = "r,gr:gb,b"
 
 
 @dataclass(frozen=True)
 class Packing:
-    """The pixels of a raw image in bytes."""
+    """Packing of the pixels of a raw image."""
 
     width: int
     height: int
@@ -40,7 +40,7 @@ class Packing:
 
     @property
     def stored(self) -> int:
-        """Bytes that the image takes."""
+        """Size of the stored image in bytes."""
         pixels, size = _GROUPS[self.bits, self.order]
         return -(-self.width * self.height // pixels) * size
 
@@ -50,42 +50,44 @@ ILLUM = Packing(7728, 5368, 10, "little", "GRBG")
 
 
 def packing_of(metadata: dict[str, Any], path: Path, length: int) -> Packing:
-    """The packing that metadata tell, or that of the Lytro camera whose images are as long."""
+    """Return the packing stated in metadata, or that of the Lytro camera with this file size."""
     image = _image(metadata)
-    known = next((camera for camera in (F01, ILLUM) if camera.stored == length), None)
+    camera_packing = next((item for item in (F01, ILLUM) if item.stored == length), None)
     if not image:
-        if known is None:
+        if camera_packing is None:
             raise FormatError(
-                f"{path}: nothing tells the size of the raw image, and its {length:,} bytes are "
-                "those of no Lytro camera: put its JSON beside it, with image.width, image.height "
+                f"{path}: the size of the raw image is unknown, and no Lytro camera has images of "
+                f"{length:,} bytes: add a JSON file of equal name with image.width, image.height "
                 "and image.pixelPacking (bitsPerPixel, endianness)."
             )
-        return known
+        return camera_packing
     details = {**_dict(image.get("rawDetails")), **image}
     packed = _dict(details.get("pixelPacking"))
     width, height = (_count(image, name, path) for name in ("width", "height"))
     bits, order = packed.get("bitsPerPixel"), packed.get("endianness")
-    if not packed and known is not None:
-        bits, order = known.bits, known.order
+    if not packed and camera_packing is not None:
+        bits, order = camera_packing.bits, camera_packing.order
     if not isinstance(bits, int) or not isinstance(order, str) or (bits, order) not in _GROUPS:
         raise FormatError(
-            f"{path}: the raw image has pixels of {bits!r:.40} bits in the byte order "
-            f"{order!r:.40}; known are 8, 10 (little), 12 (big) and 16."
+            f"{path}: pixels must have 8, 10 (little), 12 (big) or 16 bits, got {bits!r:.40} bits "
+            f"in the byte order {order!r:.40}."
         )
-    bayer = _bayer(_dict(details.get("mosaic")), path) or (known.bayer if known else None)
+    bayer = _bayer(_dict(details.get("mosaic")), path) or (
+        camera_packing.bayer if camera_packing else None
+    )
     return Packing(width, height, bits, order, bayer)
 
 
 def _image(metadata: dict[str, Any]) -> dict[str, Any]:
-    """What metadata say of the image: at their top, or where a table of contents holds them."""
+    """Return the description of the image in metadata or in a table of contents."""
     for holder in (metadata, _dict(metadata.get("master"))):
-        found = _dict(holder.get("image"))
+        image = _dict(holder.get("image"))
         frames = _dict(holder.get("picture")).get("frameArray") or holder.get("frames")
-        if not found and isinstance(frames, list) and frames:
+        if not image and isinstance(frames, list) and frames:
             frame = _dict(_dict(frames[0]).get("frame"))
-            found = _dict(_dict(frame.get("metadata")).get("image"))
-        if found:
-            return found
+            image = _dict(_dict(frame.get("metadata")).get("image"))
+        if image:
+            return image
     return {}
 
 
@@ -95,10 +97,10 @@ def _dict(value: Any) -> dict[str, Any]:
 
 def _count(image: dict[str, Any], name: str, path: Path) -> int:
     value = image.get(name)
-    if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= _LARGEST:
+    if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= _MAX_SIDE:
         raise FormatError(
-            f"{path}: image.{name} of the metadata is {value!r:.40}, not a count of pixels from 1 "
-            f"to {_LARGEST}."
+            f"{path}: image.{name} of the metadata must be 1 to {_MAX_SIDE} pixels, got "
+            f"{value!r:.40}."
         )
     return value
 
@@ -109,18 +111,18 @@ def _bayer(mosaic: dict[str, Any], path: Path) -> str | None:
     tile, corner = mosaic.get("tile", _TILE), mosaic.get("upperLeftPixel")
     if tile != _TILE or not isinstance(corner, str) or corner not in _BAYER:
         raise FormatError(
-            f"{path}: the colour filters are {tile!r:.40} with {corner!r:.40} at the upper left; "
-            f"known is {_TILE!r} with r, gr, gb or b."
+            f"{path}: the colour filters must be {_TILE!r} with r, gr, gb or b at the upper left, "
+            f"got {tile!r:.40} with {corner!r:.40}."
         )
     return _BAYER[corner]
 
 
 def unpack(data: Bytes, packing: Packing) -> Frame:
-    """The pixels of a raw image.
+    """Unpack the pixels of a raw image.
 
-    Two pixels of 12 bits lie in three bytes, most significant bits first (Lytro F01). Four of 10
-    bits lie in five: the upper eight bits of each, and a fifth byte with the lower two, those of
-    the first pixel lowest (Lytro Illum).
+    Lytro F01: two pixels of 12 bits in three bytes, most significant bits first. Lytro Illum: four
+    pixels of 10 bits in five bytes, the upper eight bits of each pixel and a fifth byte with the
+    lower two bits, the first pixel lowest.
     """
     pixels, size = _GROUPS[packing.bits, packing.order]
     groups = data.reshape(-1, size)
@@ -131,7 +133,7 @@ def unpack(data: Bytes, packing: Packing) -> Frame:
 
 
 def _unpack_band(groups: Bytes, packing: Packing, out: Frame) -> None:
-    """Unpack groups (n, bytes) of pixels into (n, pixels)."""
+    """Unpack groups (n, bytes) into pixels (n, pixels)."""
     if packing.bits == 12:
         out[:, 0] = groups[:, 1] >> 4
         out[:, 0] |= groups[:, 0].astype(np.uint16) << 4

@@ -1,7 +1,7 @@
-"""PFM, the portable float map: how disparity maps are exchanged.
+"""PFM, the portable float map, a common exchange format for disparity maps.
 
-Three lines of text (``Pf`` grey or ``PF`` colour; width and height; a scale whose sign tells the
-byte order, negative for little endian), then float32 rows from the bottom of the picture upwards.
+A header of three lines (``Pf`` grey or ``PF`` colour; width and height; a scale, negative for
+little endian) is followed by float32 rows from the bottom of the picture upwards.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from clplen.outputs import PFM_SCALE
 
 SUFFIXES = (".pfm",)
 MAGICS = (b"Pf", b"PF")
-_SPACE = rb"(?:\s|#[^\n]*\n)+"  # comments run to the end of their line
+_SPACE = rb"(?:\s|#[^\n]*\n)+"  # comments end with their line
 _HEADER = re.compile(
     rb"(P[Ff])"
     + _SPACE
@@ -33,7 +33,7 @@ _HEADER = re.compile(
     # a decimal number, at the end of its line
     + rb"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)[ \t\r]*\n"
 )
-_LONGEST = 1 << 12  # bytes of a header
+_MAX_HEADER_BYTES = 1 << 12
 
 
 def read_pfm(path: PathLike) -> np.ndarray[Any, np.dtype[np.float32]]:
@@ -42,18 +42,18 @@ def read_pfm(path: PathLike) -> np.ndarray[Any, np.dtype[np.float32]]:
     Parameters
     ----------
     path : path-like
-        PFM, grey or in colour, of either byte order.
+        PFM file, grey or colour, of either byte order.
 
     Returns
     -------
     numpy.ndarray
-        Shape (y, x) or (y, x, 3), float32, row 0 at the top. The size of the scale is ignored,
-        as other readers do.
+        Array of shape (y, x) or (y, x, 3), float32, row 0 at the top. The magnitude of the scale is
+        ignored, as in other readers.
 
     Raises
     ------
     FormatError
-        If there is no such file, it is not PFM or it is truncated.
+        If the file is missing, truncated or not PFM.
 
     Examples
     --------
@@ -67,19 +67,19 @@ def read_pfm(path: PathLike) -> np.ndarray[Any, np.dtype[np.float32]]:
         raise FormatError(f"There is no file {path}.")
     try:
         with path.open("rb") as file:
-            header = _HEADER.match(file.read(_LONGEST))
+            header = _HEADER.match(file.read(_MAX_HEADER_BYTES))
     except OSError as error:
-        raise FormatError(f"{path} cannot be read ({error.strerror}).") from error
+        raise FormatError(f"Cannot read {path} ({error.strerror}).") from error
     if header is None:
-        raise FormatError(f"{path} is not a PFM file: it does not begin with Pf or PF and a size.")
+        raise FormatError(f"{path} is not a PFM file: it must begin with Pf or PF and a size.")
     kind, width, height, scale = header.groups()
     shape = (int(height), int(width)) + ((3,) if kind == b"PF" else ())
-    needed, found = 4 * math.prod(shape), path.stat().st_size - header.end()
+    needed, available = 4 * math.prod(shape), path.stat().st_size - header.end()
     if not needed:
-        raise FormatError(f"{path} declares {shape} samples, which is no picture.")
-    if found < needed:
+        raise FormatError(f"{path} must declare a nonempty picture, got {shape}.")
+    if available < needed:
         raise FormatError(
-            f"{path} is truncated: {shape} samples need {needed} bytes, {found} are there."
+            f"{path} is truncated: {shape} samples need {needed} bytes, got {available}."
         )
     order = "<f4" if float(scale) < 0 else ">f4"
     require_room(2 * needed, path=path, what="the map", max_bytes=None)
@@ -93,11 +93,11 @@ def write_pfm(path: PathLike, values: ArrayLike, *, durable: bool = False) -> No
     Parameters
     ----------
     path : path-like
-        The file, such as ``disparity.pfm``.
+        Output file, such as ``disparity.pfm``.
     values : Image or array_like
-        Shape (y, x) or (y, x, 3), row 0 at the top; written as float32.
+        Array of shape (y, x) or (y, x, 3), row 0 at the top; written as float32.
     durable : bool
-        Whether to wait until the disk has the file, as in `clplen.files.replacing`.
+        True to wait until the file is on disk, as in `clplen.files.replacing`.
 
     Raises
     ------
@@ -113,7 +113,9 @@ def write_pfm(path: PathLike, values: ArrayLike, *, durable: bool = False) -> No
     """
     values = host_array(values, "A picture")
     if values.ndim not in (2, 3) or values.shape[2:] not in ((), (3,)):
-        raise ShapeError(f"PFM holds (y, x) or (y, x, 3), not {values.shape}.")
+        raise ShapeError(
+            f"Values of a PFM must have shape (y, x) or (y, x, 3), got {values.shape}."
+        )
     kind = "Pf" if values.ndim == 2 else "PF"
     height, width = values.shape[:2]
     with replacing(path, durable) as temporary, temporary.open("wb") as file:

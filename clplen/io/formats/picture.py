@@ -1,7 +1,6 @@
-"""Single pictures: PNG, TIFF, JPEG, BMP, PGM and PPM, with their own values; sRGB and alpha.
+"""Single pictures: PNG, TIFF, JPEG, BMP, PGM and PPM with unscaled values; sRGB and alpha.
 
-What the first bytes declare is known before anything is decoded: kind, size, and how far it is
-compressed.
+The first bytes declare kind, size and compression; they are checked before decoding.
 """
 
 from __future__ import annotations
@@ -28,11 +27,11 @@ from clplen.io.formats.tiff import checked_picture, decode_tiff, picture_errors
 from clplen.io.formats.untrusted import DEFLATE, Bound, require_room
 from clplen.outputs import MARK
 
-_LINEAR = 0.04045  # sRGB below it is a straight line (IEC 61966-2-1:1999)
+_LINEAR = 0.04045  # sRGB is linear below it (IEC 61966-2-1:1999)
 PNG = b"\x89PNG\r\n\x1a\n"
 TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _JPEG = b"\xff\xd8\xff"
-_JPEG_RATIO = 2048.0  # a bit for a block of 64 samples, colours halved twice (ITU-T T.81)
+_JPEG_RATIO = 2048.0  # 1 bit for a block of 64 samples, chroma halved twice (ITU-T T.81)
 _RLE_RATIO = 512.0  # BMP: 255 pixels of 4 bytes from 2 bytes
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 _STANDALONE = {0x01, *range(0xD0, 0xD9)}  # JPEG markers without a length
@@ -41,18 +40,18 @@ _SPACE = rb"(?:\s|#[^\n]*\n)+"
 _PNM = re.compile(
     rb"P([56])" + _SPACE + rb"(\d{1,9})" + _SPACE + rb"(\d{1,9})" + _SPACE + rb"(\d{1,5})\s"
 )
-LARGE = 1 << 26  # bytes of a file from which on they are compared with its pixels
-HEAD = 1 << 16  # bytes that declare the size; of a JPEG, before longer notes
-_LONG_HEAD = 1 << 20  # bytes of a large file, with the notes of a JPEG
+LARGE = 1 << 26  # bytes; larger files are compared with their number of pixels
+HEAD = 1 << 16  # bytes with the size of a picture, without long JPEG metadata
+_LONG_HEAD = 1 << 20  # bytes with the size of a large picture, with JPEG metadata
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm")
-_MOST_PIXELS = 89_478_485  # from here on Pillow warns of bombs, at twice as many it refuses
-CHANNEL_AXIS = "light field with a channel axis of length 1"  # description of such a picture
-NOTES = 4096  # bytes in which our writers put the description
+_MAX_PILLOW_PIXELS = 89_478_485  # Pillow warns above it and raises at twice as many
+CHANNEL_AXIS = "light field with a channel axis of length 1"  # marks such a picture
+NOTES = 4096  # bytes searched for a description of our writers
 Array = np.ndarray[Any, Any]
 
 
 def linear(values: Array) -> Array:
-    """sRGB decoded to linear light, 0 to 1, float32 (IEC 61966-2-1:1999)."""
+    """Decode sRGB to linear light, 0 to 1, float32 (IEC 61966-2-1:1999)."""
     if values.dtype.kind == "u":
         levels = np.linspace(0, 1, int(np.iinfo(values.dtype).max) + 1)
         return np.asarray(_from_srgb(levels).astype(np.float32)[values])
@@ -65,48 +64,48 @@ def _from_srgb(s: Array) -> Array:
 
 
 def encoded(values: Array) -> Array:
-    """The inverse of `linear`: linear light from 0 to 1, clipped, as sRGB from 0 to 1."""
+    """Encode linear light from 0 to 1, clipped, as sRGB from 0 to 1; inverse of `linear`."""
     s = np.clip(values, 0, 1)
     return np.where(s <= _LINEAR / 12.92, 12.92 * s, 1.055 * s ** (1 / 2.4) - 0.055)
 
 
 def without_alpha(values: Array, name: PathLike) -> Array:
-    """Colours or greys without an alpha channel that says nothing."""
+    """Return colours or grey values without an opaque alpha channel."""
     if values.ndim == 2 or values.shape[2] == 3:
         return values
     alpha = values[..., -1]
     highest = np.iinfo(alpha.dtype).max if alpha.dtype.kind == "u" else 1
     if not (alpha == highest).all():
-        raise FormatError(f"The picture {name} has transparent pixels: flatten first.")
+        raise FormatError(f"The picture {name} has transparent pixels: flatten it first.")
     return values[..., 0] if values.shape[2] == 2 else values[..., :-1]
 
 
 def read_view(path: PathLike, *, max_bytes: int | None = None) -> Array:
-    """Read a picture of a light field, with a channel axis of length 1 where it was written so."""
+    """Read a picture of a light field, restoring a channel axis of length 1."""
     values = read_picture(path, max_bytes=max_bytes)
     with Path(path).open("rb") as file:
         return with_channel_axis(values, file.read(NOTES))
 
 
 def with_channel_axis(values: Array, content: bytes | mmap) -> Array:
-    """A grey picture with a channel axis of length 1 if its description is `CHANNEL_AXIS`."""
+    """Add a channel axis of length 1 to a grey picture described by `CHANNEL_AXIS`."""
     has_axis = values.ndim == 2 and CHANNEL_AXIS.encode() in content[:NOTES]
     return values[..., None] if has_axis else values
 
 
 @dataclass(frozen=True)
 class Header:
-    """What a picture declares."""
+    """Properties declared in the first bytes of a picture."""
 
     kind: str  # {"PNG", "TIFF", "JPEG", "BMP", "PNM"}
-    pixels: int = 0  # rows times columns; 0 for TIFF, whose reader finds out
-    nbytes: int = 0  # of the decoded samples, at most
-    ratio: float = 1.0  # largest number of decoded bytes from one stored byte
-    deep: bool = False  # whether it is a PNG with 16 bits a sample and more than one channel
+    pixels: int = 0  # rows times columns; 0 for TIFF, determined by its reader
+    nbytes: int = 0  # largest size of the decoded samples
+    ratio: float = 1.0  # largest number of decoded bytes per stored byte
+    deep: bool = False  # True for a PNG of 16 bits and several channels
 
 
 def header_of(content: bytes) -> Header:
-    """What a picture declares."""
+    """Return the header of a picture from its first bytes."""
     if content[:8] == PNG:
         return _png(content)
     if content[:4] in TIFF:
@@ -119,7 +118,7 @@ def header_of(content: bytes) -> Header:
         shape, dtype_size, _ = pnm_layout(content)
         height, width, channels = shape
         return Header("PNM", height * width, height * width * channels * dtype_size)
-    raise ValueError("it begins like no PNG, TIFF, JPEG, BMP, binary PGM or PPM")
+    raise ValueError("it is not PNG, TIFF, JPEG, BMP, binary PGM or PPM")
 
 
 def _png(content: bytes) -> Header:
@@ -165,7 +164,7 @@ def _bmp(content: bytes) -> Header:
 
 
 def pnm_layout(content: bytes) -> tuple[tuple[int, int, int], int, int]:
-    """Of a binary PGM or PPM: (y, x, c), bytes a sample, and where the samples begin."""
+    """Return (y, x, c), bytes per sample and offset of the samples of a binary PGM or PPM."""
     match = _PNM.match(content[:4096])
     if match is None:
         raise ValueError("its header is damaged")
@@ -176,25 +175,26 @@ def pnm_layout(content: bytes) -> tuple[tuple[int, int, int], int, int]:
 
 
 def read_picture(path: PathLike, *, max_bytes: int | None = None) -> Array:
-    """Read one picture as it is stored: no gamma, no scaling.
+    """Read a picture as stored, without gamma or scaling.
 
     Parameters
     ----------
     path : path-like
-        PNG, TIFF, JPEG, BMP, PGM or PPM, told by its first bytes.
+        PNG, TIFF, JPEG, BMP, PGM or PPM, detected by its first bytes.
     max_bytes : int, optional
-        Largest allocation that it may ask for; default half of the free memory.
+        Largest allocation that the file may cause; default half of the free memory.
 
     Returns
     -------
     numpy.ndarray
-        Shape (y, x) or (y, x, 3), the file's own dtype. An opaque alpha channel is dropped.
+        Picture of shape (y, x) or (y, x, 3), in the dtype of the file. An opaque alpha channel is
+        dropped.
 
     Raises
     ------
     FormatError
-        If it is missing, truncated, unreadable, declares more than it can hold or ``max_bytes``
-        allow, has another shape, is complex, or has transparent pixels.
+        If the file is missing, truncated or unreadable; if it declares more than it can hold or
+        ``max_bytes`` allow; if it has another shape, complex values or transparent pixels.
 
     Examples
     --------
@@ -207,7 +207,7 @@ def read_picture(path: PathLike, *, max_bytes: int | None = None) -> Array:
 
 
 def pixels_of(path: Path) -> int:
-    """How many pixels a picture declares; 0 where it cannot be told, which reading explains."""
+    """Return the number of pixels a picture declares; 0 if unreadable."""
     try:
         if not path.is_file():
             return 0
@@ -215,26 +215,26 @@ def pixels_of(path: Path) -> int:
             head = file.read(HEAD)
         if head[:4] not in TIFF:
             return header_of(head).pixels
-        with tiff.open_tiff(path) as opened:
-            return int(opened.pages.first.imagelength * opened.pages.first.imagewidth)
-    except Exception:  # tifffile raises all kinds on damaged files
+        with tiff.open_tiff(path) as tiff_file:
+            return int(tiff_file.pages.first.imagelength * tiff_file.pages.first.imagewidth)
+    except Exception:  # tifffile raises any exception on damaged files
         return 0
 
 
 def require_pixels(file: IO[bytes], size: int, path: Path) -> None:
-    """Refuse a picture whose file is far larger than the pixels that its first bytes declare."""
+    """Raise FormatError for a file far larger than the pixels that it declares."""
     if size <= LARGE or (head := file.read(_LONG_HEAD))[:4] in TIFF:
         return
     try:
         pixels = header_of(head).pixels
     except ValueError as error:
-        raise FormatError(f"The picture {path} cannot be read ({error}).") from error
+        raise FormatError(f"The picture {path} is unreadable ({error}).") from error
     if 32 * pixels < size:
         raise FormatError(f"The picture {path} has {size:,} bytes, far more than its pixels need.")
 
 
 def read_channels(path: PathLike, *, max_bytes: int | None = None) -> Array:
-    """Read one picture with its alpha channel, if it has one."""
+    """Read a picture with its alpha channel, if any."""
     path = Path(path)
     if not path.is_file():
         raise FormatError(f"There is no picture {path}.")
@@ -250,12 +250,12 @@ def read_channels(path: PathLike, *, max_bytes: int | None = None) -> Array:
             file.seek(0)
             content = file.read()
     except OSError as error:
-        raise FormatError(f"The picture {path} cannot be read ({error.strerror}).") from error
+        raise FormatError(f"The picture {path} is unreadable ({error.strerror}).") from error
     return decode_picture(content, path, max_bytes=max_bytes)
 
 
 def decode_picture(content: bytes | mmap, name: PathLike, *, max_bytes: int | None = None) -> Array:
-    """Decode one picture from memory, with its alpha channel, if it has one."""
+    """Decode a picture in memory with its alpha channel, if any."""
     path = Path(name)
     with picture_errors(path):
         values = checked_picture(_decoded(content, path, max_bytes), path)
@@ -275,7 +275,7 @@ def _decoded(content: bytes | mmap, path: Path, max_bytes: int | None) -> Array:
         return _pnm(content)
     if header.deep:
         return decode_png16(content)
-    return _by_pillow(content, header)
+    return _decode_with_pillow(content, header)
 
 
 def _pnm(content: bytes) -> Array:
@@ -287,10 +287,11 @@ def _pnm(content: bytes) -> Array:
     return values[..., 0] if shape[2] == 1 else values
 
 
-def _by_pillow(content: bytes, header: Header) -> Array:
-    if header.pixels > _MOST_PIXELS:
+def _decode_with_pillow(content: bytes, header: Header) -> Array:
+    if header.pixels > _MAX_PILLOW_PIXELS:
         raise ValueError(
-            f"{header.pixels:,} pixels, of which Pillow reads {_MOST_PIXELS:,}: write it as TIFF"
+            f"{header.pixels:,} pixels exceed Pillow's limit of {_MAX_PILLOW_PIXELS:,}: write it "
+            "as TIFF"
         )
     return np.asarray(imageio.imread(content, plugin="pillow", index=0))
 
@@ -303,47 +304,47 @@ def write_picture(
     durable: bool = False,
     dpi: float | None = None,
 ) -> None:
-    """Write one picture with its own values.
+    """Write a picture with unscaled values.
 
     Parameters
     ----------
     path : path-like
-        ``.png`` takes uint8 (y, x) and (y, x, 3) and uint16 (y, x); ``.tif`` any real dtype, of
-        which bool becomes uint8.
+        ``.png`` for uint8 (y, x) and (y, x, 3) and uint16 (y, x); ``.tif`` for any real dtype, with
+        bool stored as uint8.
     values : Image or array_like
-        Shape (y, x) or (y, x, 3).
+        Picture of shape (y, x) or (y, x, 3).
     description : str, optional
-        What the values are, in ASCII.
+        Meaning of the values, in ASCII.
     durable : bool
-        Whether to wait until the disk has the file, as in `clplen.files.replacing`.
+        True to wait until the file is on disk, as in `clplen.files.replacing`.
     dpi : float, optional
-        Pixels an inch, for printers; positive. PNG keeps whole numbers of pixels a metre.
+        Pixels per inch for printers, positive. PNG rounds to integer pixels per metre.
 
     Raises
     ------
     ShapeError, ValueError
-        If the values have another shape; if the suffix is another one, a PNG cannot hold the
-        values, or dpi is not positive.
+        If the shape is wrong; if the suffix is unknown, a PNG cannot hold the values, or dpi is not
+        positive.
 
     Examples
     --------
     >>> phase = np.linspace(-np.pi, np.pi, 24 * 32).reshape(24, 32)
     >>> clplen.io.write_picture("phase.tif", phase, description="phase in radians")
-    >>> found = clplen.io.read_picture("phase.tif")
-    >>> found.dtype.name, bool((found == phase).all())
+    >>> stored = clplen.io.read_picture("phase.tif")
+    >>> stored.dtype.name, bool((stored == phase).all())
     ('float64', True)
     """
     path = Path(path)
     values = host_array(values, "A picture")
     suffix = path.suffix.lower()
     if values.size == 0 or values.ndim not in (2, 3) or values.shape[2:] not in ((), (3,)):
-        raise ShapeError(f"A picture has shape (y, x) or (y, x, 3), not {values.shape}.")
+        raise ShapeError(f"A picture must have shape (y, x) or (y, x, 3), got {values.shape}.")
     if values.dtype.kind not in "buif":
-        raise ValueError(f"A picture holds real numbers, not {values.dtype}.")
-    if values.dtype == bool:  # tifffile does not read all of the bits that it writes
+        raise ValueError(f"A picture must hold real numbers, got {values.dtype}.")
+    if values.dtype == bool:  # tifffile does not read back all bits that it writes
         values = values.astype(np.uint8)
     if dpi is not None and not (is_finite(dpi) and dpi > 0):
-        raise ValueError(f"The dpi of a picture is positive, not {dpi!r}.")
+        raise ValueError(f"dpi must be positive, got {dpi!r}.")
     if suffix in tiff.SUFFIXES:
         sizes: Any = {} if dpi is None else {"resolution": (dpi, dpi), "resolutionunit": "INCH"}
         colour = "rgb" if values.ndim == 3 else "minisblack"
@@ -361,13 +362,13 @@ def write_picture(
     fits = values.dtype == np.uint8 or (values.dtype == np.uint16 and values.ndim == 2)
     if suffix != ".png" or not fits:
         raise ValueError(
-            f"{path.name} cannot hold {values.dtype} of shape {values.shape}: PNG takes uint8 and "
-            "grey uint16, .tif takes everything."
+            f"{path.name} cannot hold {values.dtype} of shape {values.shape}: PNG stores uint8 and "
+            "grey uint16; use .tif for other types."
         )
     about = PngInfo()
     about.add_text("Software", MARK)
     if description:
         about.add_text("Description", description)
     with replacing(path, durable) as temporary:
-        words: Any = {"pnginfo": about} | ({} if dpi is None else {"dpi": (dpi, dpi)})
-        imageio.imwrite(temporary, values, plugin="pillow", extension=".png", **words)
+        options: Any = {"pnginfo": about} | ({} if dpi is None else {"dpi": (dpi, dpi)})
+        imageio.imwrite(temporary, values, plugin="pillow", extension=".png", **options)

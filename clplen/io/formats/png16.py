@@ -1,12 +1,12 @@
-"""PNG with 16 bits a sample and several channels, which Pillow would cut to 8 bits.
+"""PNG with 16 bits per sample and several channels, which Pillow would reduce to 8 bits.
 
 Chunks, zlib and the five filters of PNG (ISO/IEC 15948:2004, 9.2): with a to the left, b above and
 c above to the left, byte by byte modulo 256,
 
-    none 0,  sub a,  up b,  average (a + b) // 2,  Paeth: whichever of a, b, c is next to a + b - c
+    none 0,  sub a,  up b,  average (a + b) // 2,  Paeth: the nearest of a, b, c to a + b - c
 
-are added to what is stored. A pixel needs those to the left and above only, so all pixels of a
-diagonal x + y are computed at once.
+are added to the stored value. A pixel depends on pixels to the left and above only, so all pixels
+of a diagonal x + y are computed at once.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 _CHANNELS = {2: 3, 4: 2, 6: 4}
-_ROWS = 1024  # of one band of diagonals
+_BAND_ROWS = 1024  # rows in a band of diagonals
 
 Array = np.ndarray[Any, Any]
 
@@ -28,7 +28,7 @@ def decode_png16(content: bytes) -> Array:
     header, stored = _chunks(content)
     width, height, depth, colour, _, _, interlaced = struct.unpack(">IIBBBBB", header)
     if depth != 16 or colour not in _CHANNELS:
-        raise ValueError("it is no PNG of 16 bits and several channels")
+        raise ValueError("it is not a PNG of 16 bits and several channels")
     if interlaced:
         raise ValueError("an interlaced PNG of 16-bit colour; write it without interlacing")
     step = 2 * _CHANNELS[colour]
@@ -41,16 +41,16 @@ def decode_png16(content: bytes) -> Array:
         raise ValueError("it has an unknown filter")
     out = np.empty((height, width, step), np.uint8)
     above = np.zeros((width, step), np.uint8)
-    for start in range(0, height, _ROWS):
-        band = rows[start : start + _ROWS]
+    for start in range(0, height, _BAND_ROWS):
+        band = rows[start : start + _BAND_ROWS]
         pixels = band[:, 1:].reshape(len(band), width, step)
-        out[start : start + _ROWS] = _unfiltered(pixels, band[:, 0], above)
+        out[start : start + _BAND_ROWS] = _unfiltered(pixels, band[:, 0], above)
         above = out[start + len(band) - 1]
     return out.view(">u2").astype(np.uint16)
 
 
 def _chunks(content: bytes) -> tuple[bytes, bytes]:
-    """The header and the compressed samples, after a look at the check sums."""
+    """Return the header and the compressed samples after a check of the checksums."""
     header, stored, position = b"", [], 8
     while position + 12 <= len(content):
         length = int.from_bytes(content[position : position + 4], "big")
@@ -71,7 +71,7 @@ def _chunks(content: bytes) -> tuple[bytes, bytes]:
 
 
 def _unfiltered(pixels: Array, filters: Array, above: Array) -> Array:
-    """Rows (n, x, byte) without their filters; ``above`` is the row before them."""
+    """Remove the filters of rows (n, x, byte); ``above`` is the row before them."""
     count, width, step = pixels.shape
     skewed = np.zeros((count + width - 1, count, step), np.int16)  # [x + y, y]
     for y in range(count):
@@ -79,7 +79,7 @@ def _unfiltered(pixels: Array, filters: Array, above: Array) -> Array:
     sub, up, average, paeth = (
         (filters == kind).astype(np.int16).reshape(count, 1) for kind in range(1, 5)
     )
-    before = np.zeros((count + 1, step), np.int16)  # the diagonal before, the row above first
+    before = np.zeros((count + 1, step), np.int16)  # previous diagonal, starting with the row above
     before[0] = above[0]
     earlier = np.zeros_like(before)
     for diagonal, values in enumerate(skewed):
@@ -98,7 +98,7 @@ def _unfiltered(pixels: Array, filters: Array, above: Array) -> Array:
 
 
 def _paeth(a: Array, b: Array, c: Array) -> Array:
-    """Whichever of a, b, c is next to a + b - c, in this order where two are."""
+    """Return the nearest of a, b, c to a + b - c, the first of them in a tie."""
     to_a, to_b = np.abs(b - c), np.abs(a - c)
     to_c = np.abs(a + b - 2 * c)
     upper = np.where(to_b <= to_c, b, c)

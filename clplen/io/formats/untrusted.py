@@ -1,6 +1,6 @@
-"""Files of unknown origin: their first bytes, the memory they may ask for, and errors of damage.
+"""Untrusted files: first bytes, limits on memory, and errors of damaged files.
 
-A few bytes must not claim gigabytes, and what a library raises becomes one `FormatError`.
+A few bytes must not claim gigabytes. Exceptions of libraries become a `FormatError`.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ import numpy as np
 from clplen.compute.memory import free_memory
 from clplen.errors import FormatError, argument
 
-# First bytes and suffixes of files whose readers are imported only when they are needed.
+# First bytes and suffixes of files whose readers are imported on demand.
 ZIP = b"PK\3\4"
 MATLAB = b"MATLAB"
 MATLAB_SUFFIXES = (".mat",)
 LYTRO = b"\x89LFP\r\n\x1a\n"
-LYTRO_DESCRIBED = (".json", ".raw")  # what other tools take out of a container
+LYTRO_SUFFIXES = (".json", ".raw")  # files that other tools extract from a container
 RAYTRIX = b"<RayCalibData"
 RAYTRIX_SUFFIXES = (".xml", ".ray")
 
 DEFLATE = 1032.0  # largest ratio of zlib, gzip, zip and PNG (RFC 1951: 258 bytes from 2 bits)
-SLACK = 1 << 20  # bytes that any file may ask for
-UNREADABLE = (  # what libraries raise on files that are damaged or something else
+SLACK = 1 << 20  # bytes that any file may allocate
+UNREADABLE = (  # exceptions of libraries on damaged or other files
     ArithmeticError,
     AssertionError,
     AttributeError,
@@ -51,55 +51,55 @@ UNREADABLE = (  # what libraries raise on files that are damaged or something el
     zipfile.BadZipFile,
     zlib.error,
 )
-_LISTED = 10  # how many names a message lists
+_MAX_LISTED = 10  # names in a message
 
 
 @dataclass(frozen=True)
 class Bound:
-    """What the bytes of a file, or of a part of it, can hold."""
+    """Upper bound on the decoded size of a file or a part of it."""
 
     path: Path
-    stored: int  # bytes that are there
+    stored: int  # stored bytes
     ratio: float = 1.0  # largest ratio of their compression
     max_bytes: int | None = None  # None: half of the free memory
 
     def wider(self, times: float) -> Bound:
-        """The bound of samples that take so many times their bytes in memory."""
+        """Return the bound for samples that are ``times`` as wide in memory."""
         return replace(self, ratio=self.ratio * times)
 
-    def require(self, wanted: int, what: str) -> None:
-        """Refuse a size that a file declares but cannot hold, or that would fill the memory."""
-        if wanted < 0 or wanted > self.stored * self.ratio + SLACK:
+    def require(self, nbytes: int, what: str) -> None:
+        """Raise FormatError for a declared size beyond the bound or the free memory."""
+        if nbytes < 0 or nbytes > self.stored * self.ratio + SLACK:
             raise FormatError(
-                f"{self.path}: {what} declares {wanted:,} bytes, more than {self.stored:,} stored "
+                f"{self.path}: {what} declares {nbytes:,} bytes, more than {self.stored:,} stored "
                 "bytes can hold: the file is damaged."
             )
-        require_room(wanted, path=self.path, what=what, max_bytes=self.max_bytes)
+        require_room(nbytes, path=self.path, what=what, max_bytes=self.max_bytes)
 
 
-def require_room(wanted: int, *, path: Path, what: str, max_bytes: int | None) -> None:
-    """Refuse a step, such as reading or decoding, that would take more memory than allowed."""
+def require_room(nbytes: int, *, path: Path, what: str, max_bytes: int | None) -> None:
+    """Raise FormatError for a step that would take more memory than allowed."""
     limit = free_memory() // 2 if max_bytes is None else max_bytes
-    if wanted > limit:
+    if nbytes > limit:
         rule = "half of the free memory" if max_bytes is None else "the given limit"
         raise FormatError(
-            f"{path}: {what} needs {wanted:,} bytes, more than {limit:,} ({rule}): raise "
-            f"{argument('max_bytes')} if that is meant."
+            f"{path}: {what} needs {nbytes:,} bytes, more than {limit:,} ({rule}): raise "
+            f"{argument('max_bytes')} to allow it."
         )
 
 
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """Make a FormatError, naming the file, of what a library says of one that it cannot read."""
+    """Turn the exceptions of libraries on unreadable files into a FormatError of the file."""
     try:
-        with np.errstate(over="ignore", invalid="ignore"):  # casts of hostile numbers
+        with np.errstate(over="ignore", invalid="ignore"):  # casts of untrusted numbers
             yield
     except UNREADABLE as error:
         reason = (str(error).splitlines() or [""])[0].strip(" .'\"") or type(error).__name__
         if isinstance(error, MemoryError):
             raise FormatError(
-                f"{path} asks for more memory than this process may take ({reason[:200]}): it is "
-                "damaged, or too large."
+                f"{path} needs more memory than this process may use ({reason[:200]}): the file is "
+                "damaged or too large."
             ) from error
         raise FormatError(
             f"{path} is truncated or damaged ({reason[:200]}): copy or write it again."
@@ -107,6 +107,6 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def listed(items: Sequence[str]) -> str:
-    """A list for a message, cut where it gets long."""
-    more = len(items) - _LISTED
-    return ", ".join(items[:_LISTED]) + (f" and {more} more" if more > 0 else "")
+    """Return a list for a message, shortened if long."""
+    more = len(items) - _MAX_LISTED
+    return ", ".join(items[:_MAX_LISTED]) + (f" and {more} more" if more > 0 else "")

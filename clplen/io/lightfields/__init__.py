@@ -1,5 +1,5 @@
-"""Light fields from files of any kind, and back: views, mosaics, raw frames, arrays, HDF5, Zarr.
+"""Read and write light fields: views, mosaics, raw frames, arrays, HDF5, Zarr.
 
-Paths and words of layout come in, `LightField` and `StoredLightField` leave; may import the rooms
-`formats`, `store` and `raw` of `clplen.io`.
+Functions take paths and layout options and return `LightField` or `StoredLightField`. Modules may
+import the rooms `formats`, `store` and `raw` of `clplen.io`.
 """

@@ -1,4 +1,4 @@
-"""Arrays in files as light fields: read whole, block by block onto a device, or in parts."""
+"""Light fields from arrays in files: read at once, block by block onto a device, or in parts."""
 
 from __future__ import annotations
 
@@ -34,96 +34,96 @@ from clplen.progress import progress_bar
 Selection = tuple[slice, ...]
 _VIEWS_LAST = {4: "yxvu", 5: "yxvuc"}
 
-_BLOCK = 4 << 20  # bytes read at a time: they stay in the cache while axes are exchanged
+_BLOCK_BYTES = 4 << 20  # read at a time; fits the cache during transposition
 
 
 @dataclass(frozen=True)
 class Source:
-    """A light field in a file, before it is read."""
+    """Light field in a file, before it is read."""
 
     path: Path
-    what: str  # as the subject of a sentence: "the dataset 'LF'"
+    what: str  # subject of messages, such as "the dataset 'LF'"
     shape: tuple[int, ...]
-    dtype: np.dtype[Any]  # of what read gives
-    axes: str  # A letter of "vuyxc" for each dimension
-    known: str  # the axes and how they are known, for the sentence on what was taken
-    read: Callable[[Selection], Array]  # A slice for each dimension -> the samples there
-    bound: Bound  # what the file can hold of it
-    chunks: tuple[int, ...] | None = None  # best read as a whole
-    weighted: bool = False  # whether the last channel is a weight
+    dtype: np.dtype[Any]  # of the samples that read returns
+    axes: str  # letter of "vuyxc" for each dimension
+    axes_text: str  # axes and their origin, for the log
+    read: Callable[[Selection], Array]  # from slices to samples
+    bound: Bound  # largest size of the decoded samples
+    chunks: tuple[int, ...] | None = None  # best read as a unit
+    weighted: bool = False  # True if the last channel is a weight
 
     @property
     def views(self) -> View:
-        """(V, U) in the file."""
+        """Number of views (V, U) in the file."""
         return self.shape[self.axes.index("v")], self.shape[self.axes.index("u")]
 
     @property
     def colours(self) -> tuple[int, ...]:
-        """(c,), or () for grey; without the weight."""
+        """Colour channels (c,), without the weight; () for grey."""
         if "c" not in self.axes:
             return ()
         count = self.shape[self.axes.index("c")] - self.weighted
         return () if self.weighted and count == 1 else (count,)
 
 
-def axes_known(
-    path: Path, what: str, shape: tuple[int, ...], *, order: str | None, own: str | None = None
+def resolve_axes(
+    path: Path, what: str, shape: tuple[int, ...], *, order: str | None, stored: str | None = None
 ) -> tuple[str, str]:
-    """The axes of an array, and how they are known."""
+    """Return the axes of an array and a text with their origin."""
     if len(shape) not in (4, 5):
         raise FormatError(
-            f"{path}: {what} has shape {shape}; a light field has 4 or 5 dimensions, v, u, y, x "
-            "and perhaps c."
+            f"{path}: {what} must have 4 or 5 dimensions (v, u, y, x[, c]) for a light field, got "
+            f"shape {shape}."
         )
     default = "vuyxc"[: len(shape)]
     try:
-        axes = axes_of(order or own or default, len(shape))
+        axes = axes_of(order or stored or default, len(shape))
     except FormatError as error:
         raise FormatError(f"{path}: {what} has shape {shape}. {error}") from error
     size = dict(zip(axes, shape, strict=True))
-    if not (order or own) and size["v"] * size["u"] > size["y"] * size["x"]:
+    if not (order or stored) and size["v"] * size["u"] > size["y"] * size["x"]:
         raise FormatError(
             f"{path}: {what} of shape {shape} would be {size['v']} x {size['u']} views of "
-            f"{size['y']} x {size['x']} pixels, more views than pixels: say which axis is which by "
-            f"{argument('order', default)} (as it would be read), "
-            f"{argument('order', _VIEWS_LAST[len(shape)])} (views last), or another one; a series "
-            "of pictures is no light field."
+            f"{size['y']} x {size['x']} pixels, more views than pixels: name the axes by "
+            f"{argument('order', default)} (the default), "
+            f"{argument('order', _VIEWS_LAST[len(shape)])} (views last), or another order; a "
+            "series of pictures is not a light field."
         )
-    how = "as given" if order else "as the file says" if own else "guessed"
-    return axes, f"axes {':'.join(axes)} ({how})"
+    origin = "as given" if order else "as stored" if stored else "guessed"
+    return axes, f"axes {':'.join(axes)} ({origin})"
 
 
-def chosen(
+def select_array(
     path: Path,
     noun: str,
     name: str | None,
-    usual: Sequence[str],
-    held: dict[str, tuple[tuple[int, ...], Any]],
+    default_names: Sequence[str],
+    arrays: dict[str, tuple[tuple[int, ...], Any]],
 ) -> str:
-    """The array of a file that is read: that of a name, a usual one, else the only fitting one.
+    """Return the name of the array to read: by name, a usual name, or the only fitting array.
 
-    ``held`` are shapes and types of the arrays, None for a type that is no real number.
+    ``arrays`` has shapes and dtypes; the dtype is None unless samples are real numbers.
     """
-    for one in usual if name is None else [name.strip("/")]:
-        if held.get(one, ((), None))[1] is not None:
-            return one
-    texts = [f"{key} {shape} {kind or 'no real numbers'}" for key, (shape, kind) in held.items()]
-    said = listed(texts) or f"no {noun}"
+    for candidate in default_names if name is None else [name.strip("/")]:
+        if arrays.get(candidate, ((), None))[1] is not None:
+            return candidate
+    texts = [f"{key} {shape} {kind or 'no real numbers'}" for key, (shape, kind) in arrays.items()]
+    contents = listed(texts) or f"no {noun}"
     if name is not None:
-        raise FormatError(f"{path} has no {noun} {name!r} of real numbers; it holds {said}.")
-    fitting = [key for key, (shape, kind) in held.items() if len(shape) in (4, 5) and kind]
+        raise FormatError(f"{path} has no {noun} {name!r} of real numbers; it has {contents}.")
+    fitting = [key for key, (shape, kind) in arrays.items() if len(shape) in (4, 5) and kind]
     if len(fitting) == 1:
         return fitting[0]
     raise FormatError(
         f"{path} has {f'several {noun}s' if fitting else f'no {noun}'} of real numbers in 4 or 5 "
-        f"dimensions and none named {', '.join(usual)}; it holds {said}; name one by "
-        f"{argument('dataset')}."
+        f"dimensions and none named {', '.join(default_names)}; it has {contents}: choose a {noun} "
+        f"by {argument('dataset')}."
     )
 
 
 @contextmanager
 def as_format_error(path: Path) -> Iterator[None]:
-    """Make a FormatError of values in a file that make no light field."""
+    """Turn errors on invalid values of a light field into a FormatError of the file."""
     try:
         yield
     except (TypeError, ValueError, ShapeError) as error:
@@ -131,54 +131,56 @@ def as_format_error(path: Path) -> Iterator[None]:
 
 
 def samples(source: Source, *, device: Device, layout: Layout, progress: bool) -> cla.Array:
-    """The samples of a source on a device, without a second copy of all on the host."""
+    """Read the samples of a source onto a device without a second host copy."""
     require_samples(source, layout)
     shape = shape_of(source, layout)
     array = device.empty(shape, device_dtype(source.dtype))
-    whole = math.prod(shape) * source.dtype.itemsize
-    bar = progress_bar(total=whole, desc="reading", unit="B", unit_scale=True, disable=not progress)
+    nbytes_total = math.prod(shape) * source.dtype.itemsize
+    bar = progress_bar(total=nbytes_total, desc="reading", unit="B", unit_scale=True, disable=not progress)
     everything = tuple(slice(0, n) for n in shape[:4])
     with device.on_host(array) as host, bar:
-        for nbytes in _filled(source, layout, everything, host):
+        for nbytes in _fill_blocks(source, layout, everything, host):
             bar.update(nbytes)
     return array
 
 
 def shape_of(source: Source, layout: Layout) -> tuple[int, ...]:
-    """Of the final light field."""
+    """Return the shape of the final light field."""
     inside = tuple(source.shape[source.axes.index(letter)] for letter in "yx")
     return (*layout.shape(source.views), *inside, *source.colours)
 
 
-def _filled(source: Source, layout: Layout, wanted: Selection, out: Array) -> Iterator[int]:
-    """Write a block (v, u, y, x) of the final light field into an array; bytes read, by and by."""
+def _fill_blocks(source: Source, layout: Layout, selection: Selection, out: Array) -> Iterator[int]:
+    """Write a block (v, u, y, x) of the final light field into an array; yield the bytes read."""
     target = _as_stored(layout.stored(out), source)
-    views = layout.selected((wanted[0], wanted[1]), source.views)
-    places = dict(zip("vuyx", (*views, *wanted[2:]), strict=True)) | {"c": slice(0, None)}
-    first = [places[letter].start for letter in source.axes]
+    views = layout.selected((selection[0], selection[1]), source.views)
+    slices = dict(zip("vuyx", (*views, *selection[2:]), strict=True)) | {"c": slice(0, None)}
+    first = [slices[letter].start for letter in source.axes]
     for block in blocks(target.shape, source.chunks, source.dtype.itemsize, first=first):
-        there = tuple(slice(b.start + a, b.stop + a) for a, b in zip(first, block, strict=True))
+        region = tuple(slice(b.start + a, b.stop + a) for a, b in zip(first, block, strict=True))
         with reading(source.path), np.errstate(all="ignore"):
-            values = source.read(there)
+            values = source.read(region)
             target[block] = values
         yield values.nbytes
 
 
-def fill_checked(source: Source, layout: Layout, wanted: Selection, out: Array) -> None:
-    """`_filled`, refusing NaN and infinite samples."""
-    for _ in _filled(source, layout, wanted, out):
+def fill_checked(source: Source, layout: Layout, selection: Selection, out: Array) -> None:
+    """Fill an array as `_fill_blocks` does, and reject NaN and infinite samples."""
+    for _ in _fill_blocks(source, layout, selection, out):
         pass
     if out.dtype.kind == "f":
-        bad = sum(view.size - np.count_nonzero(np.isfinite(view)) for row in out for view in row)
+        invalid = sum(
+            view.size - np.count_nonzero(np.isfinite(view)) for row in out for view in row
+        )
         with as_format_error(source.path):
-            require_finite(bad)
+            require_finite(invalid)
 
 
 def require_samples(source: Source, layout: Layout) -> None:
-    """Refuse samples that are no real numbers, none at all, or more than the file can hold."""
+    """Raise FormatError for samples that are not real, empty, or larger than the file."""
     if source.dtype.kind not in "buif":
         raise FormatError(
-            f"{source.path}: {source.what} holds {source.dtype}, no real numbers: convert it."
+            f"{source.path}: {source.what} must hold real numbers, got {source.dtype}: convert it."
         )
     if 0 in source.shape:
         raise FormatError(f"{source.path}: {source.what} of shape {source.shape} is empty.")
@@ -189,13 +191,13 @@ def require_samples(source: Source, layout: Layout) -> None:
 
 
 def device_dtype(dtype: np.dtype[Any]) -> np.dtype[Any]:
-    """The type on the device."""
+    """Return the dtype of the samples on the device."""
     native = dtype.newbyteorder("=")
     return native if native in C_TYPE else np.dtype(np.float32)
 
 
 def _as_stored(views: Array, source: Source) -> Array:
-    """The final array, its (v, u) being the file's, with the axes of the file."""
+    """Return the final array, with views in file order, with the axes of the file."""
     if "c" in source.axes and not source.colours:
         views = views[..., None]
     return views.transpose(["vuyxc".index(letter) for letter in source.axes])
@@ -208,15 +210,15 @@ def blocks(
     *,
     first: Sequence[int] | None = None,
 ) -> Iterator[Selection]:
-    """Cut an array into blocks of whole chunks, as near to `_BLOCK` bytes as they get."""
-    whole = chunks or (1,) * len(shape)
-    over = [a % c for a, c in zip(first or (0,) * len(shape), whole, strict=True)]
-    sizes = [n + o for n, o in zip(shape, over, strict=True)]
-    step = [min(c, n) for c, n in zip(whole, sizes, strict=True)]
+    """Yield blocks of whole chunks that cover an array, of about `_BLOCK_BYTES`."""
+    chunk = chunks or (1,) * len(shape)
+    offsets = [a % c for a, c in zip(first or (0,) * len(shape), chunk, strict=True)]
+    sizes = [n + o for n, o in zip(shape, offsets, strict=True)]
+    step = [min(c, n) for c, n in zip(chunk, sizes, strict=True)]
     for axis in reversed(range(len(shape))):
-        more = max(_BLOCK // (math.prod(step) * itemsize), 1)
-        step[axis] = min(step[axis] * more, sizes[axis])
-    starts = (range(-o, n, s) for o, n, s in zip(over, shape, step, strict=True))
+        factor = max(_BLOCK_BYTES // (math.prod(step) * itemsize), 1)
+        step[axis] = min(step[axis] * factor, sizes[axis])
+    starts = (range(-o, n, s) for o, n, s in zip(offsets, shape, step, strict=True))
     for start in itertools.product(*starts):
         ends = (min(a + s, n) for a, s, n in zip(start, step, shape, strict=True))
         yield tuple(slice(max(a, 0), b) for a, b in zip(start, ends, strict=True))
@@ -224,130 +226,146 @@ def blocks(
 
 @dataclass(frozen=True)
 class OpenSource:
-    """A light field in a file that is open."""
+    """Light field in an open file."""
 
     source: Source
     device: Device
     layout: Layout
-    # What `LightField.from_array` takes beside the samples; weights and positions for the views of
-    # the file.
-    known: dict[str, Any] = field(default_factory=dict)
-    # decode and parametrisation, where the file says them.
-    words: dict[str, Any] = field(default_factory=dict)
-    whole: bool = False  # whether it is read as a whole in any case
+    # Arguments of `LightField.from_array` besides the samples; weights and positions have the view
+    # order of the file.
+    properties: dict[str, Any] = field(default_factory=dict)
+    # Stored decode method and parametrisation.
+    choices: dict[str, Any] = field(default_factory=dict)
+    read_at_once: bool = False  # True if it cannot be read in parts
 
     def load(self, *, progress: bool = False) -> tuple[LightField, str]:
-        """Read the samples and make them a light field."""
+        """Read the samples and build a light field."""
         source, layout, device = self.source, self.layout, self.device
-        known = _known(self)
+        properties = _final_properties(self)
         data = samples(source, device=device, layout=layout, progress=progress)
         if source.weighted:
-            lit = lit_views(data, device)
-            known["weights"] = layout.oriented(_mean_weights(source)) * (lit if lit.any() else 1)
+            lit_mask = lit_views(data, device)
+            properties["weights"] = layout.oriented(_mean_weights(source)) * (
+                lit_mask if lit_mask.any() else 1
+            )
         with as_format_error(source.path):
-            lf = LightField.from_array(data, device=device, **known)
-        return replace(lf, **self.words), _sentence(source, lf, layout)
+            lf = LightField.from_array(data, device=device, **properties)
+        return replace(lf, **self.choices), _summary(source, lf, layout)
 
     def stored(self) -> tuple[StoredLightField, str]:
-        """A light field that is read part by part."""
-        if self.whole:
-            lf, took = self.load()
-            return StoredLightField.from_light_field(lf), took
+        """Return a light field that is read part by part."""
+        if self.read_at_once:
+            lf, summary = self.load()
+            return StoredLightField.from_light_field(lf), summary
         source, layout = self.source, self.layout
-        known = _known(self)
-        # it is not read as a whole
+        properties = _final_properties(self)
+        # no limit on the total size, because it is read in parts
         require_samples(source, replace(layout, max_bytes=sys.maxsize))
-        at_once = dict(zip(source.axes, source.chunks or (1,) * len(source.shape), strict=True))
-        whole = math.prod(source.shape) * source.dtype.itemsize
+        chunk_sizes = dict(zip(source.axes, source.chunks or (1,) * len(source.shape), strict=True))
+        nbytes_total = math.prod(source.shape) * source.dtype.itemsize
         copies = (
             1 if source.bound.ratio == 1 else 4
-        )  # packed, unpacked and turned, with what is left
+        )  # packed, unpacked and transposed copies, with a remainder
         stored = StoredLightField(
             shape_of(source, layout),
             device_dtype(source.dtype),
             lambda block, out: fill_checked(source, layout, block, out),
             np.ones(layout.shape(source.views), np.float32),
-            (at_once["y"], at_once["x"] if source.chunks else source.shape[source.axes.index("x")]),
-            layout.shape((at_once["v"], at_once["u"])),
-            copies * max(min(_BLOCK, whole), math.prod(at_once.values()) * source.dtype.itemsize),
+            (
+                chunk_sizes["y"],
+                chunk_sizes["x"] if source.chunks else source.shape[source.axes.index("x")],
+            ),
+            layout.shape((chunk_sizes["v"], chunk_sizes["u"])),
+            copies
+            * max(
+                min(_BLOCK_BYTES, nbytes_total),
+                math.prod(chunk_sizes.values()) * source.dtype.itemsize,
+            ),
         )
         with as_format_error(source.path):
-            places = checked_positions(known.get("positions"), stored)
-            spacing = checked_spacing(known.get("spacing"))
-            stored = replace(stored, spacing=spacing, positions=places, camera=known.get("camera"))
-            weights = _stored_weights(source, layout, stored, known.get("weights"))
-            stored = replace(stored, weights=checked_weights(weights, stored), **self.words)
-        return stored, _sentence(source, stored, layout)
+            positions = checked_positions(properties.get("positions"), stored)
+            spacing = checked_spacing(properties.get("spacing"))
+            stored = replace(
+                stored, spacing=spacing, positions=positions, camera=properties.get("camera")
+            )
+            weights = _stored_weights(source, layout, stored, properties.get("weights"))
+            stored = replace(stored, weights=checked_weights(weights, stored), **self.choices)
+        return stored, _summary(source, stored, layout)
 
 
-def own_source(
+def container_source(
     source: Source,
     device: Device,
     layout: Layout,
-    found: dict[str, Any],
-    beside: dict[str, Array],
+    stored_attributes: dict[str, Any],
+    companions: dict[str, Array],
     camera: Any,
 ) -> OpenSource:
-    """A source with the attributes, arrays and camera of a file of `write_lightfield`."""
-    known: dict[str, Any] = {**beside, "camera": camera}
-    placed = "positions" in known or layout.positions is not None
-    spacing = attributes.spacing_in(found, source.path)
-    if spacing is not None:  # positions stay where they are, and so does their unit
-        known["spacing"] = spacing if placed else layout.oriented_spacing(spacing)
-    return OpenSource(source, device, layout, known, attributes.words_in(found, source.path))
+    """Return a source with the attributes, arrays and camera of `write_lightfield`."""
+    properties: dict[str, Any] = {**companions, "camera": camera}
+    has_positions = "positions" in properties or layout.positions is not None
+    spacing = attributes.spacing_in(stored_attributes, source.path)
+    if spacing is not None:  # positions and their unit are independent of the view order
+        properties["spacing"] = spacing if has_positions else layout.oriented_spacing(spacing)
+    choices = attributes.choices_in(stored_attributes, source.path)
+    return OpenSource(source, device, layout, properties, choices)
 
 
-def _stored_weights(source: Source, layout: Layout, stored: StoredLightField, known: Any) -> Array:
+def _stored_weights(
+    source: Source, layout: Layout, stored: StoredLightField, weights: Any
+) -> Array:
     if not source.weighted:
-        return stored.lit_weights() if known is None else np.asarray(known)
+        return stored.lit_weights() if weights is None else np.asarray(weights)
     return layout.oriented(_mean_weights(source)) * stored.lit_weights()
 
 
-def _known(found: OpenSource) -> dict[str, Any]:
-    """What is known beside the samples, for the final order of views."""
-    known, layout = dict(found.known), found.layout
+def _final_properties(opened: OpenSource) -> dict[str, Any]:
+    """Return the properties of a source for the final view order."""
+    properties, layout = dict(opened.properties), opened.layout
     for name in ("weights", "positions"):
-        if known.get(name) is not None:
-            known[name] = _fitting(np.asarray(known[name]), name, found.source, layout)
-    places = positions_of(layout, found.source.views)
-    if places is not None:
-        known["positions"] = places
-    return known
+        if properties.get(name) is not None:
+            values = np.asarray(properties[name])
+            properties[name] = _oriented_views(values, name, opened.source, layout)
+    positions = positions_of(layout, opened.source.views)
+    if positions is not None:
+        properties["positions"] = positions
+    return properties
 
 
-def _fitting(values: Array, name: str, source: Source, layout: Layout) -> Array:
+def _oriented_views(values: Array, name: str, source: Source, layout: Layout) -> Array:
     if values.shape[:2] != source.views:
         raise FormatError(
-            f"{source.path}: the {name} have shape {values.shape}, the views {source.views}."
+            f"{source.path}: the {name} must have the shape {source.views} of the views, got "
+            f"{values.shape}."
         )
     return layout.oriented(values)
 
 
 def _mean_weights(source: Source) -> Array:
-    """Mean of the last channel over each view of the file, of its type's range if integer."""
+    """Return the mean of the last channel over each view, relative to an integer's range."""
     axis = source.axes.index("c")
     last = source.shape[axis] - 1
     shape = (*source.shape[:axis], 1, *source.shape[axis + 1 :])
     total = np.zeros(source.views, np.float64)
     for block in blocks(shape, source.chunks, source.dtype.itemsize):
-        chosen = (*block[:axis], slice(last, last + 1), *block[axis + 1 :])
+        selection = (*block[:axis], slice(last, last + 1), *block[axis + 1 :])
         with reading(source.path), np.errstate(all="ignore"):
-            values = in_order(source.read(chosen), source.axes)
+            values = in_order(source.read(selection), source.axes)
             v, u = (block[source.axes.index(letter)] for letter in "vu")
             total[v, u] += values.sum(axis=(2, 3, 4), dtype=np.float64)
     full = np.iinfo(source.dtype).max if source.dtype.kind in "ui" else 1
     return np.asarray(total * total.size / math.prod(shape) / full)
 
 
-def _sentence(source: Source, lf: LightField | StoredLightField, layout: Layout) -> str:
+def _summary(source: Source, lf: LightField | StoredLightField, layout: Layout) -> str:
     size = " x ".join(str(n) for n in lf.shape[2:])
     stored = "" if lf.dtype == source.dtype.newbyteorder("=") else f" (stored as {source.dtype})"
     parts = [
         f"{lf.shape[0]} x {lf.shape[1]} views (V x U) of {size} {lf.dtype}{stored} "
         f"from {source.path}",
-        f"{source.what} with {source.known}",
-        *layout.said(),
+        f"{source.what} with {source.axes_text}",
+        *layout.view_changes(),
     ]
     if source.weighted:
-        parts.append("its last channel taken for weights, their mean for each view")
+        parts.append("last channel used as weights, averaged over each view")
     return ", ".join(parts)

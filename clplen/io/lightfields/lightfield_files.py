@@ -1,4 +1,4 @@
-"""Light fields from files of any kind: read, opened part by part, listed and written."""
+"""Read, open, list and write light-field files of any kind."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from clplen.files import PathLike
 from clplen.io.formats import npy, picture
 from clplen.io.formats.untrusted import (
     LYTRO,
-    LYTRO_DESCRIBED,
+    LYTRO_SUFFIXES,
     MATLAB,
     MATLAB_SUFFIXES,
     RAYTRIX,
@@ -28,14 +28,14 @@ from clplen.io.formats.untrusted import (
 )
 from clplen.io.lightfields import view_folders
 from clplen.io.lightfields.layout import (
-    ARRAY_WORDS,
-    NAME_WORDS,
-    RAW_WORDS,
-    VIEW_WORDS,
+    ARRAY_OPTIONS,
+    NAME_OPTIONS,
+    RAW_OPTIONS,
+    VIEW_OPTIONS,
     Kind,
     Layout,
     LightFieldSource,
-    Whole,
+    UndividedSource,
 )
 from clplen.io.lightfields.view_positions import NAMES
 from clplen.io.store import hdf5_files, zarr_files
@@ -45,9 +45,9 @@ from clplen.lightfield.model.stored_light_field import StoredLightField, as_ligh
 logger = logging.getLogger("clplen.io")
 
 Opened = AbstractContextManager[LightFieldSource]
-_HEAD = 64  # bytes that recognition looks at
-_USER_BLOCK = 512  # bytes that MATLAB 7.3 puts before the signature of HDF5
-_LYTRO_WORDS = (*VIEW_WORDS, *RAW_WORDS, "calibration")
+_HEADER_BYTES = 64  # used to detect the kind of a file
+_USER_BLOCK = 512  # bytes of MATLAB 7.3 before the signature of HDF5
+_LYTRO_OPTIONS = (*VIEW_OPTIONS, *RAW_OPTIONS, "calibration")
 
 
 def _is_hdf5(path: Path, head: bytes) -> bool:
@@ -58,51 +58,51 @@ def _is_hdf5(path: Path, head: bytes) -> bool:
         return file.read(len(hdf5_files.MAGIC)) == hdf5_files.MAGIC
 
 
-def _is_described(path: Path, head: bytes) -> bool:
-    return path.suffix.lower() in LYTRO_DESCRIBED or head.lstrip()[:1] == b"{"
+def _is_lytro_json(path: Path, head: bytes) -> bool:
+    return path.suffix.lower() in LYTRO_SUFFIXES or head.lstrip()[:1] == b"{"
 
 
 def _is_raytrix(path: Path, head: bytes) -> bool:
     return path.suffix.lower() in RAYTRIX_SUFFIXES or RAYTRIX in head
 
 
-# What opens files of a kind; its module is imported when it is needed.
+# Functions that open a kind of files and import its module on demand.
 
 
-def _open_zarr(path: Path, **words: Any) -> Opened:
+def _open_zarr(path: Path, **options: Any) -> Opened:
     from clplen.io.lightfields.container_lightfields import open_zarr
 
-    return open_zarr(path, **words)
+    return open_zarr(path, **options)
 
 
-def _open_hdf5(path: Path, **words: Any) -> Opened:
+def _open_hdf5(path: Path, **options: Any) -> Opened:
     from clplen.io.lightfields.container_lightfields import open_hdf5
 
-    return open_hdf5(path, **words)
+    return open_hdf5(path, **options)
 
 
-def _open_matlab(path: Path, **words: Any) -> Opened:
+def _open_matlab(path: Path, **options: Any) -> Opened:
     from clplen.io.lightfields.array_files import open_matlab
 
-    return open_matlab(path, **words)
+    return open_matlab(path, **options)
 
 
-def _open_npy(path: Path, **words: Any) -> Opened:
+def _open_npy(path: Path, **options: Any) -> Opened:
     from clplen.io.lightfields.array_files import open_npy
 
-    return open_npy(path, **words)
+    return open_npy(path, **options)
 
 
-def _open_lytro(path: Path, **words: Any) -> Opened:
+def _open_lytro(path: Path, **options: Any) -> Opened:
     from clplen.io.lightfields.lytro_files import read_lytro
 
-    return nullcontext(Whole(partial(read_lytro, path, **words)))
+    return nullcontext(UndividedSource(partial(read_lytro, path, **options)))
 
 
-def _open_mosaic(path: Path, **words: Any) -> Opened:
+def _open_mosaic(path: Path, **options: Any) -> Opened:
     from clplen.io.lightfields.mosaic import read_mosaic
 
-    return nullcontext(Whole(partial(read_mosaic, path, **words)))
+    return nullcontext(UndividedSource(partial(read_mosaic, path, **options)))
 
 
 def _refuse_raytrix(path: Path, **_: Any) -> Opened:
@@ -110,28 +110,28 @@ def _refuse_raytrix(path: Path, **_: Any) -> Opened:
 
     read_raytrix(path)
     raise FormatError(
-        f"{path} is the calibration of a focused (plenoptic 2.0) raw image, whose views are "
-        "rendered, not sliced: clplen.io.read_raw(path) gives the raw image with its lenses."
+        f"{path} is the calibration of a focused (plenoptic 2.0) raw image, which cannot be sliced "
+        "into views: read it with clplen.io.read_raw(path) and render it."
     )
 
 
 KINDS = {
-    "zarr": Kind("Zarr", ARRAY_WORDS, _open_zarr, marks=zarr_files.MARKS),
-    "folder": Kind("a folder of views", NAME_WORDS, view_folders.open_folder, folder=True),
-    "archive": Kind("an archive of views", NAME_WORDS, view_folders.open_archive, magic=ZIP),
-    "hdf5": Kind("HDF5", ARRAY_WORDS, _open_hdf5, recognises=_is_hdf5),
+    "zarr": Kind("Zarr", ARRAY_OPTIONS, _open_zarr, marks=zarr_files.MARKS),
+    "folder": Kind("a folder of views", NAME_OPTIONS, view_folders.open_folder, folder=True),
+    "archive": Kind("an archive of views", NAME_OPTIONS, view_folders.open_archive, magic=ZIP),
+    "hdf5": Kind("HDF5", ARRAY_OPTIONS, _open_hdf5, recognises=_is_hdf5),
     "matlab": Kind(
-        "a MATLAB file", ARRAY_WORDS, _open_matlab, magic=MATLAB, suffixes=MATLAB_SUFFIXES
+        "a MATLAB file", ARRAY_OPTIONS, _open_matlab, magic=MATLAB, suffixes=MATLAB_SUFFIXES
     ),
-    "numpy": Kind("a NumPy array", (*VIEW_WORDS, "order", "srgb"), _open_npy, magic=npy.MAGIC),
-    "lytro": Kind("a Lytro container", _LYTRO_WORDS, _open_lytro, magic=LYTRO),
+    "numpy": Kind("a NumPy array", (*VIEW_OPTIONS, "order", "srgb"), _open_npy, magic=npy.MAGIC),
+    "lytro": Kind("a Lytro container", _LYTRO_OPTIONS, _open_lytro, magic=LYTRO),
     "described": Kind(
-        "a raw image described by JSON", _LYTRO_WORDS, _open_lytro, recognises=_is_described
+        "a raw image described by JSON", _LYTRO_OPTIONS, _open_lytro, recognises=_is_lytro_json
     ),
     "raytrix": Kind("a Raytrix calibration", (), _refuse_raytrix, recognises=_is_raytrix),
     "picture": Kind(
         "a picture",
-        (*VIEW_WORDS, *RAW_WORDS, "order", "srgb"),
+        (*VIEW_OPTIONS, *RAW_OPTIONS, "order", "srgb"),
         _open_mosaic,
         suffixes=picture.SUFFIXES,
     ),
@@ -167,82 +167,83 @@ def read_lightfield(
     force: bool = False,
     progress: bool = False,
 ) -> LightField:
-    """Read a light field from files of any kind, told by their content.
+    """Read a light field from files of any kind, detected by their content.
 
-    What was taken for what is logged at level INFO by the logger ``clplen.io``. A word of layout
-    that does not apply to a kind of file is refused.
+    The logger ``clplen.io`` reports at level INFO how the file was interpreted. Layout options that
+    do not apply to the kind of file raise an error.
 
     Parameters
     ----------
     path : path-like
-        A folder or zip archive with one picture a view, a mosaic, a raw lenslet image, HDF5, Zarr,
-        MATLAB, NumPy or a Lytro container.
+        Folder or zip archive with a picture per view, mosaic, raw lenslet image, HDF5, Zarr,
+        MATLAB, NumPy or Lytro container.
     device : Device or str, optional
-        Default ``Device.open()``.
+        Compute device; default ``Device.open()``.
     pattern : str, optional
-        Names of the views in a folder: ``{v}`` and ``{u}`` row and column of the view, or ``{i}``
-        row by row; ``{n}`` a counter that is ignored; ``*`` anything. The numbers are ranked, so
-        neither the first nor the step matters. None guesses.
+        Names of the views in a folder: ``{v}`` and ``{u}`` for row and column of the view, or
+        ``{i}`` row by row; ``{n}`` for an ignored counter; ``*`` for any text. The numbers are
+        ranked, so neither the first nor the step matters. None guesses the pattern.
     views : tuple of int, optional
-        (V, U), rows and columns as the names count them; of a mosaic; of a raw image, the pixels
-        that are taken from each lenslet (default: its pitch, rounded).
+        Number of views (V, U), in rows and columns as the names count them; number of views of a
+        mosaic; pixels used under each lenslet of a raw image (default: pitch, rounded).
     flip_v, flip_u, swap_uv : bool
-        How the file's view axes become ours: swapped first, then the resulting axes reversed.
+        Flags that change the view axes: True to swap the axes, then to reverse the resulting axes.
     order : str, optional
-        Axes of an array, such as "uvyxc"; of a mosaic "yvxu" (lenslet images) or "vyux" (views
-        side by side); "lawnmower" for names that count every other row backwards.
+        Axes of an array, such as "uvyxc"; of a mosaic "yvxu" (lenslet images) or "vyux" (views side
+        by side); "lawnmower" for names that count every other row backwards.
     white, dark : path-like, optional
         White image and dark frame of a raw image.
     grid : path-like, optional
         Lenslet lattice of a raw image: JSON of `clplen.lightfield.calibration`, or Raytrix XML.
     calibration : path-like, optional
-        Folder or tar archive with the white images of a Lytro camera, of which the right one is
-        chosen; default ``$CLPLEN_LYTRO``, or what was last used for the same camera.
+        Folder or tar archive with the white images of a Lytro camera, from which the matching one
+        is chosen; default ``$CLPLEN_LYTRO``, or the last calibration of this camera.
     allow_missing : bool
-        Whether views may be missing; they get weight 0.
+        True to allow missing views, which get weight 0.
     positions : path-like, optional
-        Where the views lie on the aperture, in view steps, in place of their row and column: a CSV
-        with the columns v, u, y, x, or "names" for file names of the Stanford archive.
+        Positions of the views in the aperture, in view steps: a CSV file with the columns v, u, y,
+        x, or "names" for file names of the Stanford archive. Default: row and column.
     srgb : bool
-        Whether to decode sRGB to linear light from 0 to 1 (float32).
+        True to decode sRGB to linear light from 0 to 1 (float32).
     step : float, optional
-        Pixels a view of a raw image (default: pitch over the number of views).
+        Pixels per view step of a raw image (default: pitch over the number of views).
     lattice : {"square", "hexagonal"}, optional
-        Of the lenslets of a raw image; None finds out.
+        Lattice type of the lenslets of a raw image; None detects it.
     bayer : {"RGGB", "BGGR", "GRBG", "GBRG"}, optional
         Colour filters of a raw image.
     demosaic : {"within", "after", "before"}, optional
-        Whether colours are fitted to the pixels under each lenslet (the default), or interpolated
-        after slicing, which mixes no directions, or before.
+        Colour interpolation: "within" fits colours to the pixels under each lenslet (default),
+        "after" interpolates after slicing without mixing directions, "before" interpolates the raw
+        image.
     devignette : bool, optional
-        Whether a raw image is divided by its white image, where there is one (default).
+        True to divide a raw image by its white image, if given (default).
     dataset : str, optional
-        Which array of a file that holds several.
+        Name of an array in a file with several arrays.
     max_bytes : int, optional
-        Largest allocation that a file may ask for; default half of the free memory.
+        Largest allocation that a file may cause; default half of the free memory.
     trust_lattice : bool
-        Whether to take a lattice that was measured and is not to be trusted, of a raw image
-        without a white image too, with a `SamplingWarning`.
+        True to use a measured but unreliable lattice, also without a white image, with a
+        `SamplingWarning`.
     intrinsics : path-like, optional
-        Of the camera, as `write_intrinsics` writes them: the views are rectified
+        Intrinsics of the camera, a file of `write_intrinsics`; the views are rectified
         (`clplen.lightfield.rectify_views`).
     force : bool
-        Whether to go on, with a `SamplingWarning`, where the lattice of the white image is not to
-        be trusted, or the raw image shows another one.
+        True to continue with a `SamplingWarning` if the lattice of the white image is unreliable or
+        differs from that of the raw image.
     progress : bool
-        Whether to show a bar on standard error.
+        True to show a progress bar on standard error.
 
     Returns
     -------
     LightField
-        Samples of uint8, uint16, float16 or float32 as in the file (other types become float32).
+        Samples of uint8, uint16, float16 or float32 as stored (other types become float32).
 
     Raises
     ------
     FormatError, ValueError, ShapeError
-        If the file or folder is missing, damaged, incomplete or of an unknown kind; if a value in
-        an array file (a sample that is NaN, a spacing of 0) makes no light field; if a word of
-        layout does not apply to this kind of file, or a value in pictures makes no light field.
+        If the file or folder is missing, damaged, incomplete or of an unknown kind; if a value is
+        invalid (such as a NaN sample or a spacing of 0); if a layout option does not apply to this
+        kind of file.
 
     Examples
     --------
@@ -252,67 +253,69 @@ def read_lightfield(
     >>> clplen.read_lightfield("views.npy", order="uvyx").shape
     (7, 5, 32, 48)
     """
-    words = locals()
-    layout = Layout(**{field.name: words[field.name] for field in fields(Layout)})
-    with _opened(Path(path), device, layout) as source:
-        lf, took = source.load(progress=progress)
-    logger.info("read %s", took)
+    arguments = locals()
+    layout = Layout(**{field.name: arguments[field.name] for field in fields(Layout)})
+    with _open_source(Path(path), device, layout) as source:
+        lf, summary = source.load(progress=progress)
+    logger.info("read %s", summary)
     return lf
 
 
 @contextmanager
-def _opened(path: Path, device: DeviceLike | None, layout: Layout) -> Iterator[LightFieldSource]:
-    """Open a file of any kind: the one set of checks of paths and words of layout."""
+def _open_source(
+    path: Path, device: DeviceLike | None, layout: Layout
+) -> Iterator[LightFieldSource]:
+    """Open a file of any kind after all checks of paths and layout options."""
     kind = kind_of(path)
     intrinsics, layout = layout.intrinsics, replace(layout, intrinsics=None)
     camera = None
-    if intrinsics is not None:  # read before anything else is
+    if intrinsics is not None:  # read first
         from clplen.io.formats.intrinsics_files import read_intrinsics
 
         camera = read_intrinsics(intrinsics)
-    layout.require(kind.words, kind.name)
+    layout.require(kind.options, kind.name)
     with kind.open(path, device=as_device(device), layout=layout) as source:
         if camera is None:
             yield source
             return
 
-        def rectified(progress: bool) -> tuple[LightField, str]:
+        def read_rectified(progress: bool) -> tuple[LightField, str]:
             from clplen.lightfield.metric.rectification import rectify_views
 
-            lf, took = source.load(progress=progress)
-            return rectify_views(lf, camera), took
+            lf, summary = source.load(progress=progress)
+            return rectify_views(lf, camera), summary
 
-        yield Whole(rectified)
+        yield UndividedSource(read_rectified)
 
 
 @contextmanager
 def open_lightfield(
     path: PathLike, *, device: DeviceLike | None = None, **layout: Any
 ) -> Iterator[StoredLightField]:
-    """Open a light field of any kind without reading it all, to be read in tiles.
+    """Open a light field of any kind, to be read in tiles.
 
-    Arrays (HDF5, Zarr, NumPy, MATLAB 7.3), folders and archives of views are read part by part
-    while the file is open. What is one raw picture, MATLAB up to 7.2, and what is rectified by
-    ``intrinsics`` is read as a whole.
+    Arrays (HDF5, Zarr, NumPy, MATLAB 7.3), folders and archives of views are read in parts while
+    the file is open. Raw pictures, MATLAB up to 7.2, and light fields rectified by ``intrinsics``
+    are read at once.
 
     Parameters
     ----------
     path : path-like
-        A file or folder, as for `read_lightfield`.
+        File or folder, as for `read_lightfield`.
     device : Device or str, optional
-        Default ``Device.open()``; what is read as a whole lies there.
+        Compute device for data read at once; default ``Device.open()``.
     **layout
-        Words of layout as for `read_lightfield`; ``max_bytes`` bounds what is unpacked at once.
+        Layout options as for `read_lightfield`; ``max_bytes`` limits a single decoded part.
 
     Yields
     ------
     StoredLightField
-        Valid inside the ``with`` block.
+        Light field, valid inside the ``with`` block.
 
     Raises
     ------
     FormatError, ValueError, ShapeError
-        As `read_lightfield`; samples that are damaged or NaN are found when they are read.
+        Errors of `read_lightfield`; damaged or NaN samples raise an error when they are read.
 
     Examples
     --------
@@ -321,46 +324,49 @@ def open_lightfield(
     ...     stored.shape, stored.read(np.s_[2:3, 0:5, 0:16, 0:48]).shape
     ((5, 5, 32, 48), (1, 5, 16, 48))
     """
-    with _opened(Path(path), device, _layout_of(layout, "open_lightfield")) as source:
-        stored, took = source.stored()
-        logger.info("opened %s", took)
+    with _open_source(Path(path), device, _layout_of(layout, "open_lightfield")) as source:
+        stored, summary = source.stored()
+        logger.info("opened %s", summary)
         yield stored
 
 
 def _layout_of(layout: dict[str, Any], what: str) -> Layout:
-    """The words of layout that a function was given by ``**``."""
-    check_keywords(layout, [one.name for one in fields(Layout)], what)
+    """Return the layout options passed by ``**``."""
+    check_keywords(layout, [field.name for field in fields(Layout)], what)
     return Layout(**layout)
 
 
 def files_of(path: PathLike, **layout: Any) -> list[Path]:
-    """Return the files that `read_lightfield` would read, and those that words of layout name."""
+    """Return the files that `read_lightfield` would read, including those in layout options."""
     path = Path(path)
-    words = _layout_of(layout, "files_of")
-    named = (words.white, words.dark, words.grid, words.calibration, words.positions)
-    given = [file for file in (*named, words.intrinsics) if file is not None]
-    beside = [Path(file) for file in given if str(file) != NAMES]
+    options = _layout_of(layout, "files_of")
+    candidates = (options.white, options.dark, options.grid, options.calibration, options.positions)
+    option_files = [file for file in (*candidates, options.intrinsics) if file is not None]
+    companions = [Path(file) for file in option_files if str(file) != NAMES]
     if not path.is_dir() or kind_of(path) is not KINDS["folder"]:
-        return [path, *beside]
-    return [*(path / name for name in view_folders.find_views(path, words)[2].values()), *beside]
+        return [path, *companions]
+    return [
+        *(path / name for name in view_folders.find_views(path, options)[2].values()),
+        *companions,
+    ]
 
 
 def write_lightfield(path: PathLike, lf: LightField | ArrayLike) -> None:
-    """Write a light field so that `read_lightfield` gives it back.
+    """Write a light field for `read_lightfield`.
 
     Parameters
     ----------
     path : path-like
-        ``.h5``, ``.hdf5`` and ``.zarr`` (a new folder) keep everything; a name without suffix
-        becomes a new folder of pictures, which keeps the samples only.
+        ``.h5``, ``.hdf5`` or ``.zarr`` (a new folder) for all properties; a name without suffix for
+        a new folder of pictures with the samples only.
     lf : LightField or array_like
-        Shape (v, u, y, x[, c]).
+        Light field of shape (v, u, y, x[, c]).
 
     Raises
     ------
     ValueError, FormatError, OSError
-        If the suffix is another one; if it is ``.zarr`` and the package zarr is not installed; if
-        it cannot be written, or the folder holds something already.
+        If the suffix is unknown; if ``.zarr`` is given without the package zarr; if the file cannot
+        be written, or the folder is not empty.
 
     Examples
     --------
@@ -379,13 +385,13 @@ def write_lightfield(path: PathLike, lf: LightField | ArrayLike) -> None:
         view_folders.write_views(path, lf)
     else:
         raise ValueError(
-            "A light field is written to .h5, to .zarr or to a new folder, not to "
+            "path must end in .h5 or .zarr, or be a new folder, for a light field, got "
             f"{Path(path).name}."
         )
 
 
 def _beginning(head: bytes) -> str:
-    """The first bytes of a file in words."""
+    """Describe the first bytes of a file."""
     if not head:
         return "it is a folder"
     text = head.decode("ascii", errors="replace")
@@ -396,27 +402,27 @@ def _beginning(head: bytes) -> str:
 
 
 def kind_of(path: Path) -> Kind:
-    """What a file or folder is."""
+    """Return the kind of a file or folder."""
     if not path.exists():
         raise FormatError(f"There is no file or folder {path}.")
     if not path.is_file() and not path.is_dir():
-        raise FormatError(f"{path} is neither a file nor a folder.")
+        raise FormatError(f"{path} must be a file or a folder.")
     head = b""
     if path.is_file():
         with path.open("rb") as file:
-            head = file.read(_HEAD)
+            head = file.read(_HEADER_BYTES)
         if not head:
             raise FormatError(f"{path} is empty.")
     if head and path.suffix.lower() == ".npz":
         raise FormatError(
-            f"{path} is an archive of NumPy arrays (.npz), which clplen does not read: save the "
-            "light field alone as .npy with numpy.save."
+            f"{path} is an archive of NumPy arrays (.npz), an unsupported format: save the light "
+            "field as .npy with numpy.save."
         )
     for kind in KINDS.values():
         if kind.fits(path, head):
             return kind
     *names, last = (kind.name for kind in KINDS.values())
     raise FormatError(
-        f"{path} is no light field that clplen reads ({_beginning(head)}): "
-        f"give {', '.join(names)} or {last}."
+        f"{path} is not a supported light field ({_beginning(head)}): give {', '.join(names)} or "
+        f"{last}."
     )

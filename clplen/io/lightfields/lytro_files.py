@@ -1,7 +1,7 @@
 """Pictures of Lytro cameras as light fields: raw image, white image, levels and colours.
 
-The camera's metadata tell black and white level, white balance and colour matrix; the white image
-is the one of a calibration that was taken with the same camera, zoom and focus.
+Metadata of the camera contain black and white level, white balance and colour matrix. The white
+image comes from a calibration of the same camera, zoom and focus.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from clplen.io.lightfields.layout import Layout
 from clplen.io.lightfields.lenslet_frames import Capture, decode_frame
 from clplen.io.raw.lytro_calibration import (
     WhiteImage,
+    calibration_advice,
     choose_white_image,
     find_calibration,
     is_far,
-    no_calibration,
     read_white_images,
     remember_calibration,
 )
@@ -38,29 +38,29 @@ def read_lytro(
 ) -> tuple[LightField, str]:
     """Read the raw image of a Lytro camera and decode it.
 
-    Black and white level, white balance and colour matrix are those of the metadata: samples are
-    linear sRGB in which 1 is the sensor's white level.
+    Metadata supply black and white level, white balance and colour matrix. Samples are linear sRGB;
+    1 is the white level of the sensor.
     """
     path = Path(path)
     frame, bayer, metadata = read_lytro_frame(path, max_bytes=layout.max_bytes)
     capture = _capture(frame, bayer, metadata)
-    said = []
+    notes = []
     if layout.white is None and layout.grid is None:
-        chosen = _chosen(path, metadata, layout)
-        if chosen is not None:
-            capture = _with_white(capture, chosen, frame, path, layout)
-            layout = replace(layout, white=chosen.name)
-            said = [_said(metadata, chosen)]
+        white_image = _white_image(path, metadata, layout)
+        if white_image is not None:
+            capture = _with_white(capture, white_image, frame, path, layout)
+            layout = replace(layout, white=white_image.name)
+            notes = [_describe_choice(metadata, white_image)]
     layout = replace(layout, calibration=None, lattice=layout.lattice or metadata.lattice)
     try:
-        lf, took = decode_frame(
+        lf, summary = decode_frame(
             frame, path, device=device, layout=layout, progress=progress, capture=capture
         )
     except (FormatError, ShapeError) as error:
         if layout.white is not None or layout.grid is not None:
             raise
-        raise FormatError(no_calibration(path, metadata)) from error
-    return lf, ", ".join([took, *said])
+        raise FormatError(calibration_advice(path, metadata)) from error
+    return lf, ", ".join([summary, *notes])
 
 
 def _capture(frame: Frame, bayer: str | None, metadata: LytroMetadata) -> Capture:
@@ -76,38 +76,40 @@ def _capture(frame: Frame, bayer: str | None, metadata: LytroMetadata) -> Captur
     )
 
 
-def _chosen(path: Path, metadata: LytroMetadata, layout: Layout) -> WhiteImage | None:
-    """The white image of the calibration that is known; None where none is."""
-    place = find_calibration(metadata, layout.calibration)
-    if place is None:
+def _white_image(path: Path, metadata: LytroMetadata, layout: Layout) -> WhiteImage | None:
+    """Return the white image of the known calibration, or None."""
+    location = find_calibration(metadata, layout.calibration)
+    if location is None:
         return None
-    found = choose_white_image(metadata, read_white_images(place), picture=path, calibration=place)
+    white_image = choose_white_image(
+        metadata, read_white_images(location), picture=path, calibration=location
+    )
     if layout.calibration is not None:
-        remember_calibration(metadata, place)
-    return found
+        remember_calibration(metadata, location)
+    return white_image
 
 
 def _with_white(
-    capture: Capture, chosen: WhiteImage, frame: Frame, path: Path, layout: Layout
+    capture: Capture, white_image: WhiteImage, frame: Frame, path: Path, layout: Layout
 ) -> Capture:
-    white = chosen.read(max_bytes=layout.max_bytes)
+    white = white_image.read(max_bytes=layout.max_bytes)
     shape = (int(white.shape[0]), int(white.shape[1]))
     if shape != frame.shape:
         raise FormatError(
-            f"{chosen.name} has shape {shape} and {path} has {frame.shape}: the white image is of "
-            "another camera; give the calibration of this one."
+            f"The white image {white_image.name} must have the shape {frame.shape} of {path}, got "
+            f"{shape}: give the calibration of this camera."
         )
-    black = chosen.metadata.black_frame(shape, chosen.packing.bayer)
+    black = white_image.metadata.black_frame(shape, white_image.packing.bayer)
     return replace(capture, white=white, white_black=black)
 
 
-def _said(metadata: LytroMetadata, chosen: WhiteImage) -> str:
-    """Which white image was chosen, and how near it is."""
-    own, theirs = metadata, chosen.metadata
-    if None in (own.zoom_step, theirs.zoom_step, own.focus_step, theirs.focus_step):
+def _describe_choice(metadata: LytroMetadata, white_image: WhiteImage) -> str:
+    """Describe the chosen white image and its zoom and focus."""
+    picture, white = metadata, white_image.metadata
+    if None in (picture.zoom_step, white.zoom_step, picture.focus_step, white.focus_step):
         return "the only white image of this camera"
     text = (
-        f"taken at zoom {theirs.zoom_step:g} and focus {theirs.focus_step:g} (the picture: "
-        f"{own.zoom_step:g} and {own.focus_step:g})"
+        f"taken at zoom {white.zoom_step:g} and focus {white.focus_step:g} (picture: "
+        f"{picture.zoom_step:g} and {picture.focus_step:g})"
     )
-    return text + (", which is another zoom" if is_far(metadata, chosen) else "")
+    return text + (", a different zoom" if is_far(metadata, white_image) else "")

@@ -1,9 +1,9 @@
-"""Mosaics: one picture that holds all views, lenslet by lenslet or side by side.
+"""Mosaics: pictures with all views, lenslet by lenslet or side by side.
 
     lenslet images   I[y V + v, x U + u]   order "yvxu"; ESLF has V = U = 14
     views            I[v H + y, u W + x]   order "vyux"
 
-A picture of neither kind, one channel without a word on its views, is a raw lenslet image.
+A picture with one channel and unknown views is a raw lenslet image.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from clplen.io.formats.picture import (
     without_alpha,
     write_picture,
 )
-from clplen.io.lightfields.layout import RAW_WORDS, Layout, View
+from clplen.io.lightfields.layout import RAW_OPTIONS, Layout, View
 from clplen.io.lightfields.lenslet_frames import decode_frame
-from clplen.io.lightfields.view_folders import pictured
+from clplen.io.lightfields.view_folders import as_pictures
 from clplen.io.lightfields.view_positions import positions_of
 from clplen.io.lightfields.view_set import form_of, new_samples
 from clplen.io.raw.raw_files import require_decoding
@@ -39,33 +39,33 @@ Array = np.ndarray[Any, Any]
 
 _ESLF = (14, 14)
 _ORDERS = ("yvxu", "vyux")  # lenslet images, views side by side
-_CLEAR = 1.1  # ratio of the two costs from which on a guess is one
-_COMPARED = 1 << 22  # samples that a guess looks at along each axis
+_MIN_COST_RATIO = 1.1  # of the two orders for an unambiguous guess
+_MAX_COMPARED = 1 << 22  # samples compared along each axis for a guess
 
 
 def read_mosaic(
     path: Path, *, device: Device, layout: Layout, progress: bool = False
 ) -> tuple[LightField, str]:
-    """Read a picture that holds all views."""
-    if _is_raw((), path, layout):  # before anything is decoded
+    """Read a picture with all views."""
+    if _is_raw((), path, layout):  # checked before decoding
         require_decoding(pixels_of(path), path, layout.max_bytes)
     picture = read_channels(path, max_bytes=layout.max_bytes)
     if _is_raw(picture.shape[2:], path, layout):
         frame = without_alpha(picture, path)
         if frame.ndim == 3:
             raise FormatError(
-                f"{path} has {frame.shape[2]} channels; a raw lenslet image has one: give the "
-                "frame as it lies on the sensor."
+                f"A raw lenslet image must have one channel, got {frame.shape[2]} from {path}: "
+                "give the unprocessed frame of the sensor."
             )
         return decode_frame(frame, path, device=device, layout=layout, progress=progress)
     return _read_mosaic(picture, path, device, layout)
 
 
 def _is_raw(channels: tuple[int, ...], path: Path, layout: Layout) -> bool:
-    if any(word in layout.given() for word in RAW_WORDS if word != "views"):
+    if any(name in layout.user_options() for name in RAW_OPTIONS if name != "views"):
         return True
-    known = layout.views is not None or layout.order is not None or _named_eslf(path)
-    return not known and channels in ((), (2,))
+    has_views = layout.views is not None or layout.order is not None or _named_eslf(path)
+    return not has_views and channels in ((), (2,))
 
 
 def _named_eslf(path: Path) -> bool:
@@ -85,20 +85,22 @@ def _read_mosaic(
     if tuple(views) == _ESLF and order != "vyux":
         colours, alpha = _padded(colours, views), None if alpha is None else _padded(alpha, views)
     _require_multiple(colours.shape[:2], views, path)
-    said = "as given" if order else "guessed from the content"
+    origin = "as given" if order else "guessed from the content"
     if order is None and _named_eslf(path):
-        order, said = "yvxu", "by its name"
+        order, origin = "yvxu", "by its name"
     order = order or _guess(colours, views, path)
-    whole = as_views(colours, views, order)
+    all_views = as_views(colours, views, order)
 
     def fill(stored: Array) -> None:
         for view in np.ndindex(*views):
-            stored[view] = linear(whole[view]) if layout.srgb else whole[view]
+            stored[view] = linear(all_views[view]) if layout.srgb else all_views[view]
 
-    data = new_samples(whole.shape, whole.dtype, path, device=device, layout=layout, fill=fill)
+    data = new_samples(
+        all_views.shape, all_views.dtype, path, device=device, layout=layout, fill=fill
+    )
     weights = None
     if alpha is not None:
-        weights = layout.oriented(_weights(as_views(alpha, views, order), whole, path))
+        weights = layout.oriented(_weights(as_views(alpha, views, order), all_views, path))
     with naming(path):
         lf = LightField.from_array(
             data,
@@ -106,26 +108,26 @@ def _read_mosaic(
             weights=weights,
             positions=positions_of(layout, views),
         )
-    return lf, _sentence(lf, path, f"order {order!r} ({said})", alpha is not None, layout)
+    return lf, _summary(lf, path, f"order {order!r} ({origin})", alpha is not None, layout)
 
 
-def _sentence(lf: LightField, path: Path, order: str, weighted: bool, layout: Layout) -> str:
+def _summary(lf: LightField, path: Path, order: str, weighted: bool, layout: Layout) -> str:
     parts = [
         f"{lf.shape[0]} x {lf.shape[1]} views (V x U) of {form_of(lf.shape[2:], lf.dtype)} from "
         f"{path}",
         f"a mosaic in {order}",
-        *(["its alpha channel taken for the weight of the views"] if weighted else []),
-        *layout.said(),
+        *(["alpha channel used as weights of the views"] if weighted else []),
+        *layout.view_changes(),
     ]
     return ", ".join(parts)
 
 
 def _order(order: str | None) -> str | None:
-    """One of our two orders, or None."""
+    """Return the normalised order of a mosaic, or None."""
     plain = None if order is None else order.replace(":", "").lower().removesuffix("c")
     if plain not in (None, *_ORDERS):
         raise ValueError(
-            f"The order of a mosaic is {' or '.join(map(repr, _ORDERS))}, not {order!r}."
+            f"order must be {' or '.join(map(repr, _ORDERS))} for a mosaic, got {order!r}."
         )
     return plain
 
@@ -135,18 +137,19 @@ def _views(path: Path, layout: Layout) -> View:
         if _named_eslf(path):
             return _ESLF
         raise FormatError(
-            f"{path} is a mosaic of how many views? Give {argument('views', ('V', 'U'))}, rows and "
-            f"columns; or {argument('white')} or {argument('grid')} if it is a raw lenslet image."
+            f"The number of views in the mosaic {path} is unknown: give "
+            f"{argument('views', ('V', 'U'))}, rows and columns; or {argument('white')} or "
+            f"{argument('grid')} for a raw lenslet image."
         )
     return layout.views
 
 
 def _padded(values: Array, views: View) -> Array:
-    """Zeros below and to the right, up to whole lenslets, as LFToolbox's LFReadESLF does."""
-    more = [(0, -size % count) for size, count in zip(values.shape, views, strict=False)]
-    if more == [(0, 0), (0, 0)]:
+    """Pad with zeros below and to the right to whole lenslets, like LFToolbox's LFReadESLF."""
+    padding = [(0, -size % count) for size, count in zip(values.shape, views, strict=False)]
+    if padding == [(0, 0), (0, 0)]:
         return values
-    return np.pad(values, more + [(0, 0)] * (values.ndim - 2))
+    return np.pad(values, padding + [(0, 0)] * (values.ndim - 2))
 
 
 def _require_multiple(size: tuple[int, ...], views: View, path: Path) -> None:
@@ -154,9 +157,9 @@ def _require_multiple(size: tuple[int, ...], views: View, path: Path) -> None:
         return
     rows, columns = (_nearest(n, count) for n, count in zip(size, views, strict=True))
     raise FormatError(
-        f"{path} has {size[0]} x {size[1]} pixels, no multiple of "
-        f"{argument('views', tuple(views))}: the nearest sizes are {rows} rows and "
-        f"{columns} columns; crop it, or give other views."
+        f"The size of {path} must be a multiple of {argument('views', tuple(views))}, got "
+        f"{size[0]} x {size[1]} pixels: crop it to {rows} rows and {columns} columns, or give "
+        "other views."
     )
 
 
@@ -166,7 +169,7 @@ def _nearest(size: int, count: int) -> str:
 
 
 def as_views(picture: Array, views: View, order: str) -> Array:
-    """A picture seen as its views, without a copy."""
+    """Return the views of a picture without a copy."""
     (V, U), (rows, columns) = views, picture.shape[:2]
     rest = tuple(range(4, picture.ndim + 2))
     if order == "yvxu":
@@ -177,19 +180,19 @@ def as_views(picture: Array, views: View, order: str) -> Array:
 
 
 def _guess(picture: Array, views: View, path: Path) -> str:
-    """In which order neighbours differ less: pixels in a view, and the same pixel in two views."""
+    """Return the order with smaller differences of neighbouring pixels and views."""
     costs = {order: _roughness(as_views(picture, views, order)) for order in _ORDERS}
     best, other = sorted(costs, key=lambda order: costs[order])
-    if costs[other] <= _CLEAR * costs[best]:
+    if costs[other] <= _MIN_COST_RATIO * costs[best]:
         raise FormatError(
-            f"{path} looks alike as a mosaic of lenslet images and of views: say which, "
+            f"{path} fits equally well as a mosaic of lenslet images and of views: give "
             f"{argument('order', 'yvxu')} or {argument('order', 'vyux')}."
         )
     return best
 
 
 def _roughness(views: Array) -> float:
-    """Mean square differences along v, u, y and x, added."""
+    """Return the sum of mean square differences along v, u, y and x."""
     values = views if views.ndim == 4 else views[..., views.shape[4] // 2]
     total = 0.0
     for axis in range(4):
@@ -197,21 +200,23 @@ def _roughness(views: Array) -> float:
             continue
         across = 3 - axis if axis in (1, 2) else (2 if axis == 3 else 3)
         skip = [slice(None)] * 4
-        skip[across] = slice(None, None, 1 + values.size // _COMPARED)
+        skip[across] = slice(None, None, 1 + values.size // _MAX_COMPARED)
         difference = np.diff(values[tuple(skip)].astype(np.float32), axis=axis)
         total += float(np.mean(difference * difference, dtype=np.float64))
     return total
 
 
-def _weights(alpha: Array, whole: Array, path: Path) -> Array:
-    """Mean alpha of each view, from 0 to 1; 0 for views that are black throughout."""
+def _weights(alpha: Array, all_views: Array, path: Path) -> Array:
+    """Return the mean alpha of each view, from 0 to 1; 0 for black views."""
     full = np.iinfo(alpha.dtype).max if alpha.dtype.kind == "u" else 1
-    lit = np.array([[view.any() for view in row] for row in whole])
+    lit = np.array([[view.any() for view in row] for row in all_views])
     weights = np.asarray(
         alpha.mean(axis=(2, 3), dtype=np.float64) / full * (lit if lit.any() else 1)
     )
     if not weights.any():
-        raise FormatError(f"{path} is transparent wherever it is not black: remove its alpha.")
+        raise FormatError(
+            f"{path} is transparent at all nonblack pixels: remove its alpha channel."
+        )
     return weights
 
 
@@ -221,17 +226,17 @@ def write_mosaic(path: PathLike, lf: LightField | ArrayLike, *, order: str = "yv
     Parameters
     ----------
     path : path-like
-        ``.png`` takes uint8 and grey uint16, ``.tif`` everything.
+        ``.png`` for uint8 and grey uint16, ``.tif`` for any dtype.
     lf : LightField or array_like
-        Views (v, u, y, x), or (v, u, y, x, c) of 1 or 3 channels.
+        Views (v, u, y, x), or (v, u, y, x, c) with 1 or 3 channels.
     order : {"yvxu", "vyux"}
-        Lenslet images, or views, side by side.
+        Arrangement of the picture: "yvxu" for lenslet images, "vyux" for views side by side.
 
     Raises
     ------
     ValueError, ShapeError
-        If the order or the suffix is another one, or a PNG cannot hold the samples; if the views
-        have other than 1 or 3 channels.
+        If the order or the suffix is unknown, or a PNG cannot hold the samples; if the views do
+        not have 1 or 3 channels.
 
     Examples
     --------
@@ -241,7 +246,7 @@ def write_mosaic(path: PathLike, lf: LightField | ArrayLike, *, order: str = "yv
     (48, 120)
     """
     plain = _order(order)
-    values, description = pictured(as_lightfield(lf))
+    values, description = as_pictures(as_lightfield(lf))
     V, U, ny, nx = values.shape[:4]
     picture = np.empty((V * ny, U * nx, *values.shape[4:]), values.dtype)
     as_views(picture, (V, U), plain or "yvxu")[...] = values

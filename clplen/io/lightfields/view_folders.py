@@ -1,4 +1,4 @@
-"""Views as pictures, one a view: in a folder, or in a zip archive that is read from memory."""
+"""Views as separate pictures in a folder or in a zip archive, which is not unpacked."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ from clplen.io.formats.picture import (
 )
 from clplen.io.formats.untrusted import DEFLATE, UNREADABLE, Bound
 from clplen.io.lightfields.layout import Layout, View
-from clplen.io.lightfields.view_names import DEFAULT_PATTERN, Pattern, arranged, views_only
+from clplen.io.lightfields.view_names import DEFAULT_PATTERN, Pattern, assign_views, views_only
 from clplen.io.lightfields.view_set import ViewSet
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import as_lightfield
 
 _PATTERNS = {"hci": "input_Cam{i:03d}", "stanford": "out_{v:02d}_{u:02d}_{y:.6f}_{x:.6f}_"}
-_RATIO = {zipfile.ZIP_STORED: 1.0, zipfile.ZIP_DEFLATED: DEFLATE}
-_ENCRYPTED = 1  # bit of the flags
-_BLOCK = 1 << 20  # bytes of a member read at a time
+_MAX_RATIO = {zipfile.ZIP_STORED: 1.0, zipfile.ZIP_DEFLATED: DEFLATE}
+_ENCRYPTED = 1  # flag bit
+_BLOCK_BYTES = 1 << 20  # of a member read at a time
 _DRIVE = re.compile(r"[A-Za-z]:")
 
 
@@ -51,9 +51,9 @@ def open_folder(path: Path, *, device: Device, layout: Layout) -> Iterator[ViewS
 
 
 def find_views(folder: Path, layout: Layout) -> tuple[Pattern, View, dict[View, str]]:
-    """Which file of a folder is which view, from the names alone.
+    """Assign the files of a folder to views by their names.
 
-    Masks, depths and object ids, as their names call them, are no views.
+    Files named as masks, depths or object ids are skipped.
     """
     deep = layout.pattern is not None and "/" in layout.pattern
     try:
@@ -61,11 +61,11 @@ def find_views(folder: Path, layout: Layout) -> tuple[Pattern, View, dict[View, 
             file for file in (folder.rglob("*") if deep else folder.iterdir()) if file.is_file()
         ]
     except OSError as error:
-        raise FormatError(f"The folder {folder} cannot be read ({error.strerror}).") from error
-    every = sorted(f.relative_to(folder).as_posix() for f in files)
-    names = views_only(every, pattern=layout.pattern)
+        raise FormatError(f"Cannot read the folder {folder} ({error.strerror}).") from error
+    relative_names = sorted(f.relative_to(folder).as_posix() for f in files)
+    names = views_only(relative_names, pattern=layout.pattern)
     pictures = [name for name in names if name.lower().endswith(picture.SUFFIXES)]
-    return arranged(names, pictures, layout, str(folder))
+    return assign_views(names, pictures, layout, str(folder))
 
 
 def write_views(
@@ -73,26 +73,26 @@ def write_views(
 ) -> None:
     """Write a light field as a new folder of pictures.
 
-    uint8 becomes PNG; uint16, float16 and float32 become TIFF, which keeps them; float16 is read
-    back as float32. Spacing, weights and camera have no place in pictures: HDF5 keeps them.
+    uint8 becomes PNG; uint16, float16 and float32 become TIFF. float16 is read back as float32.
+    Pictures cannot store spacing, weights and camera; use HDF5 for them.
 
     Parameters
     ----------
     path : path-like
-        A folder that does not exist yet, or is empty.
+        Folder that does not exist yet or is empty.
     lf : LightField or array_like
-        Views (v, u, y, x), or (v, u, y, x, c) of 1 or 3 channels.
+        Views (v, u, y, x), or (v, u, y, x, c) with 1 or 3 channels.
     pattern : str
-        Names without suffix, by ``{v}`` and ``{u}`` or by ``{i}`` row by row, formatted as Python
-        does: ``view_{v:02d}_{u:02d}``. "hci" is ``input_Cam{i:03d}`` of the HCI 4D benchmark;
-        "stanford" is ``out_{v:02d}_{u:02d}_{y}_{x}_`` of the Stanford archive, y upwards and x to
-        the right in view steps, from the positions of the views or their rows and columns.
+        Names without suffix, with ``{v}`` and ``{u}`` or ``{i}`` row by row, in Python's format
+        syntax: ``view_{v:02d}_{u:02d}``. "hci" is ``input_Cam{i:03d}`` of the HCI 4D benchmark.
+        "stanford" is ``out_{v:02d}_{u:02d}_{y}_{x}_`` of the Stanford archive, with y upwards and x
+        to the right in view steps, from the positions of the views or their rows and columns.
 
     Raises
     ------
     FileExistsError, ShapeError, ValueError
-        If the folder holds something; if the views have other than 1 or 3 channels; if the pattern
-        is none, or holds ``{n}``, ``*`` or a folder.
+        If the folder is not empty; if the views do not have 1 or 3 channels; if the pattern is
+        invalid, or contains ``{n}``, ``*`` or a folder.
 
     Examples
     --------
@@ -105,7 +105,7 @@ def write_views(
     (3, 3, 16, 16)
     """
     lf = as_lightfield(lf)
-    values, description = pictured(lf)
+    values, description = as_pictures(lf)
     name = _namer(pattern, lf)
     suffix = ".png" if lf.dtype == np.uint8 else ".tif"
     with filling(path) as folder:
@@ -114,28 +114,28 @@ def write_views(
             write_picture(file, values[v, u], description=description)
 
 
-def pictured(lf: LightField) -> tuple[np.ndarray[Any, Any], str]:
-    """The samples of a light field as pictures hold them, and the description of each."""
+def as_pictures(lf: LightField) -> tuple[np.ndarray[Any, Any], str]:
+    """Return the samples of a light field as pictures, and their description."""
     if len(lf.shape) == 5 and lf.shape[4] not in (1, 3):
         raise ShapeError(
-            f"Pictures have 1 or 3 channels, this light field {lf.shape[4]}: write .h5 instead."
+            f"Pictures must have 1 or 3 channels, got {lf.shape[4]}: write .h5 instead."
         )
     values = lf.to_numpy()
     return (values[..., 0], CHANNEL_AXIS) if values.shape[4:] == (1,) else (values, "")
 
 
 def _namer(pattern: str, lf: LightField) -> Any:
-    """(v, u) -> name without suffix."""
+    """Return a function from (v, u) to a name without suffix."""
     if pattern != "stanford":
         text = _PATTERNS.get(pattern, pattern)
         Pattern(text)
         if "*" in text or "{n" in text or "/" in text:
-            raise ValueError(f"The pattern {text!r} writes no names: it holds {{n}}, * or /.")
+            raise ValueError(f"pattern must not contain {{n}}, * or / for writing, got {text!r}.")
         return lambda v, u: text.format_map({"v": v, "u": u, "i": v * lf.shape[1] + u})
-    return partial(_stanford, lf)
+    return partial(_stanford_name, lf)
 
 
-def _stanford(lf: LightField, v: int, u: int) -> str:
+def _stanford_name(lf: LightField, v: int, u: int) -> str:
     y, x = v - (lf.shape[0] - 1) / 2, u - (lf.shape[1] - 1) / 2
     if lf.positions is not None:
         y, x = lf.positions[v, u]
@@ -144,11 +144,11 @@ def _stanford(lf: LightField, v: int, u: int) -> str:
 
 @contextmanager
 def open_archive(path: Path, *, device: Device, layout: Layout) -> Iterator[ViewSet]:
-    """Open a zip archive with one picture a view."""
+    """Open a zip archive with a picture per view."""
     try:
         archive = zipfile.ZipFile(path)
     except UNREADABLE as error:
-        raise FormatError(f"{path} is no zip archive that can be read ({error}).") from error
+        raise FormatError(f"{path} is not a readable zip archive ({error}).") from error
     with archive:
         yield _archive_views(archive, path, device, layout)
 
@@ -156,13 +156,13 @@ def open_archive(path: Path, *, device: Device, layout: Layout) -> Iterator[View
 def _archive_views(archive: zipfile.ZipFile, path: Path, device: Device, layout: Layout) -> ViewSet:
     members = _members(archive, path)
     size = path.stat().st_size
-    shown = views_only(members, pattern=layout.pattern)
-    pictures = [name for name in shown if name.lower().endswith(picture.SUFFIXES)]
+    candidates = views_only(members, pattern=layout.pattern)
+    pictures = [name for name in candidates if name.lower().endswith(picture.SUFFIXES)]
     inside = posixpath.commonpath([posixpath.dirname(name) for name in pictures] or [""])
     root = f"{inside}/" if inside else ""
-    cut = len(root)
-    names = [name[cut:] for name in shown if name.startswith(root)]
-    found = arranged(names, [name[cut:] for name in pictures], layout, str(path))
+    skip = len(root)
+    names = [name[skip:] for name in candidates if name.startswith(root)]
+    assignment = assign_views(names, [name[skip:] for name in pictures], layout, str(path))
 
     def picture_of(where: Path) -> np.ndarray[Any, Any]:
         info = members[where.relative_to(path).as_posix()]
@@ -170,23 +170,23 @@ def _archive_views(archive: zipfile.ZipFile, path: Path, device: Device, layout:
         values = decode_picture(content, where, max_bytes=layout.max_bytes)
         return with_channel_axis(without_alpha(values, where), content)
 
-    return ViewSet(path / inside, *found, picture_of, device, layout)
+    return ViewSet(path / inside, *assignment, picture_of, device, layout)
 
 
 def _members(archive: zipfile.ZipFile, path: Path) -> dict[str, zipfile.ZipInfo]:
-    """The files of an archive by name."""
+    """Return the files of an archive by name."""
     members = {}
     for info in archive.infolist():
         name = info.filename.replace("\\", "/")
         if name.startswith("/") or _DRIVE.match(name) or ".." in name.split("/"):
             raise FormatError(
-                f"{path}: the member {info.filename[:200]!r} lies outside of the archive: make a "
-                "new one of the pictures only."
+                f"{path}: the member {info.filename[:200]!r} is outside the archive: create a new "
+                "archive of the pictures only."
             )
         if name.endswith("/"):
             continue
         if (name := posixpath.normpath(name)) in members:
-            raise FormatError(f"{path}: the member {name[:200]!r} is there twice.")
+            raise FormatError(f"{path}: the member {name[:200]!r} occurs twice.")
         members[name] = info
     return members
 
@@ -198,15 +198,17 @@ def _content(
     size: int,
     max_bytes: int | None,
 ) -> bytes | mmap:
-    """The bytes of a member, never more than it declares; ``size`` is that of the archive."""
+    """Return the bytes of a member, at most as many as declared; ``size`` is the archive's."""
     if info.flag_bits & _ENCRYPTED:
-        raise FormatError(f"The picture {where} is encrypted: make an archive without a password.")
-    if info.compress_type not in _RATIO:
         raise FormatError(
-            f"The picture {where} is compressed by method {info.compress_type}: write the archive "
-            "with deflate."
+            f"The picture {where} is encrypted: create an archive without a password."
         )
-    Bound(where, min(info.compress_size, size), _RATIO[info.compress_type], max_bytes).require(
+    if info.compress_type not in _MAX_RATIO:
+        raise FormatError(
+            f"The picture {where} is compressed with method {info.compress_type}: write the "
+            "archive with deflate."
+        )
+    Bound(where, min(info.compress_size, size), _MAX_RATIO[info.compress_type], max_bytes).require(
         info.file_size, "the picture"
     )
     try:
@@ -219,17 +221,17 @@ def _content(
                 return _without_zeros(member, info.file_size)
             content = member.read(info.file_size + 1)
     except UNREADABLE as error:
-        raise FormatError(f"The picture {where} cannot be read ({error}).") from error
+        raise FormatError(f"The picture {where} is unreadable ({error}).") from error
     if len(content) != info.file_size:
-        raise FormatError(f"The picture {where} has another size than its archive declares.")
+        raise FormatError(f"The picture {where} has a different size than its archive declares.")
     return content
 
 
 def _without_zeros(member: IO[bytes], size: int) -> mmap:
-    """The bytes of a large member; blocks of zeros, such as holes, take no memory."""
+    """Return the bytes of a large member; blocks of zeros, such as holes, use no memory."""
     content = mmap(-1, size)
-    for start in range(0, size, _BLOCK):
-        block = member.read(min(_BLOCK, size - start))
+    for start in range(0, size, _BLOCK_BYTES):
+        block = member.read(min(_BLOCK_BYTES, size - start))
         if any(block):
             content[start : start + len(block)] = block
     return content

@@ -1,1 +1,1 @@
-"""Pages for a browser: what they show as JSON and bytes, and the HTML file that holds it."""
+"""Pages for a browser: contents as JSON and bytes, and the HTML file with them."""

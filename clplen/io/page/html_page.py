@@ -1,4 +1,4 @@
-"""A page for a browser: one HTML file with scripts, styles and data, which asks no network."""
+"""Pages for a browser: one HTML file with scripts, styles and data, without network access."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from clplen.lightfield.refocusing.focal_stacks import FocalStack
 from clplen.outputs import MARK
 from clplen.reprs import printable
 
-# In the order in which one needs the other.
+# Modules in the order of their imports.
 _SCRIPTS = (
     "law", "lookup_tables", "tone", "source", "renderer", "controls", "stage", "display",
     "commands", "search", "device", "light_field", "track_marks", "volume", "compare", "viewer",
@@ -36,12 +36,12 @@ _SCRIPTS = (
 _SUFFIXES = (".html", ".htm")
 _IMPORT = re.compile(r"^import (\{[^}]*\}) from \"\./(\w+)\.js\";", re.M)
 _EXPORT = re.compile(r"^export (?=(?:async )?(?:function|class|const) (\w+))", re.M)
-_PLACE = re.compile(r"\{(connect|version|title|style|script|content|data)\}")
+_PLACEHOLDER = re.compile(r"\{(connect|version|title|style|script|content|data)\}")
 
 
 @runtime_checkable
 class HasVolume(Protocol):
-    """A volume (..., z, y, x) with the z of its planes and (dy, dx) of its voxels in metres."""
+    """Volume (..., z, y, x) with z of its planes and voxel size (dy, dx) in metres."""
 
     @property
     def volume(self) -> Any: ...
@@ -65,39 +65,39 @@ def write_html(
 ) -> None:
     """Write a page that shows light fields, stacks, volumes, maps and pictures in any browser.
 
-    The file holds everything and asks no network: it opens from a disk, goes by mail, or lies on
-    any server. In the page the viewpoint is dragged, a click focuses, the wheel zooms.
+    The file contains all data and needs no network: open it from a disk, send it by mail or put it
+    on a server. In the page, drag to move the viewpoint, click to focus and turn the wheel to zoom.
 
     Parameters
     ----------
     path : path-like
-        ``.html``.
+        ``.html`` file.
     subject : LightField, FocalStack, DepthMap, RawImage, Image, array_like, or a list or dict
-        What is shown. Arrays are pictures (y, x) or (y, x, 3), volumes (z, y, x), or light fields
-        (v, u, y, x) and (v, u, y, x, c); what has a ``volume`` (of `clplen.deconvolve`) is taken
-        as such. Of a list or dict {name: subject} each has a tab.
+        Data to show. Arrays are pictures (y, x) or (y, x, 3), volumes (z, y, x), or light fields
+        (v, u, y, x) and (v, u, y, x, c); objects with a ``volume`` (of `clplen.deconvolve`) are
+        volumes. Each item of a list or dict {name: subject} has a tab.
     title : str, optional
-        Of the page.
+        Title of the page.
     depth : DepthMap or array_like, optional
-        Of the centre view of a light field: then a click focuses by it, viewpoints between views
-        follow it, and everything can be in focus.
+        Depth of the centre view of a light field. It allows a click to focus, viewpoints between
+        views, and everything in focus.
     quality : int, optional
-        Of JPEG, 1 to 100, for the views of light fields; by default nothing is lost of 8-bit
-        samples, and others have 16 bits over their range.
+        JPEG quality of the views of light fields, 1 to 100. By default 8-bit samples are lossless,
+        and other samples have 16 bits over their range.
     downscale : int
-        Pixels along y and x of which the page keeps the mean.
+        Number of pixels along y and x that are averaged.
     views : tuple of int, optional
-        At most so many views (V, U), those in the middle.
+        Largest number of views (V, U); the central ones are used.
     compare : bool
-        Whether several are shown side by side, with one zoom and one cursor.
+        True to show several subjects side by side, with a common zoom and cursor.
     durable : bool
-        Whether to wait until the disk has it, as in `clplen.files.replacing`.
+        True to wait until the file is on disk, as in `clplen.files.replacing`.
 
     Raises
     ------
     ValueError, ShapeError, TypeError, OSError
-        If the suffix is another one, or an option is out of range; if the subject is none of these;
-        if it cannot be written.
+        If the suffix is unknown, or an option is out of range; if the subject is not supported; if
+        the file cannot be written.
 
     Examples
     --------
@@ -109,14 +109,14 @@ def write_html(
     '<!doctype html>'
     """
     if Path(path).suffix.lower() not in _SUFFIXES:
-        raise ValueError(f"A page is written as .html, not as {path}.")
+        raise ValueError(f"path must end in .html for a page, got {path}.")
     options = PageOptions(quality, downscale, views)
     content = content_of(subject, title=title, depth=depth, options=options, compare=compare)
     write_page(path, content, durable=durable)
 
 
 def write_page(path: PathLike, content: Content, *, durable: bool = False) -> int:
-    """Write a page with all its data; its size in bytes."""
+    """Write a page with all its data, and return its size in bytes."""
     page = page_of(content, content.encoded())
     with replacing(path, durable) as temporary:
         temporary.write_bytes(page)
@@ -131,36 +131,36 @@ def content_of(
     options: PageOptions | None = None,
     compare: bool = False,
 ) -> Content:
-    """What a page of some subjects shows; parameters as of `write_html`."""
+    """Return the content of a page of some subjects; parameters as for `write_html`."""
     options = options or PageOptions()
     content = Content()
     depth = None if depth is None else as_depth_map(depth)
-    named = subject if isinstance(subject, dict) else _named(subject)
-    if not named:
-        raise ValueError("There is nothing to show: give at least one light field or picture.")
-    if compare and len(named) < 2:
-        raise ValueError("At least two results are compared, and one was given.")
+    subjects = subject if isinstance(subject, dict) else _by_name(subject)
+    if not subjects:
+        raise ValueError("subject must contain at least one light field or picture.")
+    if compare and len(subjects) < 2:
+        raise ValueError("compare=True needs at least two subjects.")
     items = [
-        item_of(thing, content, name=str(name), depth=depth, options=options)
-        for name, thing in named.items()
+        item_of(item, content, name=str(name), depth=depth, options=options)
+        for name, item in subjects.items()
     ]
-    content.about = {"title": title or ", ".join(map(str, named)), "items": items}
+    content.about = {"title": title or ", ".join(map(str, subjects)), "items": items}
     if compare:
         content.about["compare"] = True
     return content
 
 
-def _named(subject: Any) -> dict[str, Any]:
-    things = subject if isinstance(subject, list) else [subject]
-    kinds = [type(thing).__name__ for thing in things]
-    named = {}
-    for i, (kind, thing) in enumerate(zip(kinds, things, strict=True)):
+def _by_name(subject: Any) -> dict[str, Any]:
+    subjects = subject if isinstance(subject, list) else [subject]
+    kinds = [type(item).__name__ for item in subjects]
+    by_name = {}
+    for i, (kind, item) in enumerate(zip(kinds, subjects, strict=True)):
         number = f" {kinds[: i + 1].count(kind)}" if kinds.count(kind) > 1 else ""
-        named[_WORDS.get(kind, kind) + number] = thing
-    return named
+        by_name[_KIND_NAMES.get(kind, kind) + number] = item
+    return by_name
 
 
-_WORDS = {
+_KIND_NAMES = {
     "LightField": "light field",
     "FocalStack": "focal stack",
     "DepthMap": "depth map",
@@ -172,54 +172,54 @@ _WORDS = {
 
 
 def item_of(
-    thing: Any, content: Content, *, name: str, depth: DepthMap | None, options: PageOptions
+    subject: Any, content: Content, *, name: str, depth: DepthMap | None, options: PageOptions
 ) -> dict[str, Any]:
-    """Add one subject to a page; what describes it."""
+    """Add a subject to a page, and return its description."""
     small: dict[str, Any] = {"name": name, "downscale": options.downscale}
-    if isinstance(thing, LightField):
-        return light_field_item(thing, content, name=name, options=options, depth=depth)
-    if isinstance(thing, FocalStack):
-        return stack_item(thing, content, **small)
-    if isinstance(thing, DepthMap):
-        words: dict[str, Any] = {"unit": "px per view", "table": "viridis"}
-        return volume_item(thing.disparity[None, None], content, **small, **words)
-    if isinstance(thing, RawImage | Image):
-        return volume_item(thing.to_numpy()[None, None], content, **small)
-    if isinstance(thing, HasVolume):
-        volume = np.asarray(thing.volume)
-        planes = None if thing.planes is None else ("z", "m", thing.planes)
-        voxel = None if thing.voxel is None else (step_of(thing.planes), *thing.voxel)
-        words = {"planes": planes, "voxel": voxel, "table": "magma"}
-        return volume_item(volume.reshape(-1, *volume.shape[-3:]), content, **small, **words)
-    values = host_array(thing, "What a page shows")
+    if isinstance(subject, LightField):
+        return light_field_item(subject, content, name=name, options=options, depth=depth)
+    if isinstance(subject, FocalStack):
+        return stack_item(subject, content, **small)
+    if isinstance(subject, DepthMap):
+        style: dict[str, Any] = {"unit": "px per view", "table": "viridis"}
+        return volume_item(subject.disparity[None, None], content, **small, **style)
+    if isinstance(subject, RawImage | Image):
+        return volume_item(subject.to_numpy()[None, None], content, **small)
+    if isinstance(subject, HasVolume):
+        volume = np.asarray(subject.volume)
+        planes = None if subject.planes is None else ("z", "m", subject.planes)
+        voxel = None if subject.voxel is None else (step_of(subject.planes), *subject.voxel)
+        style = {"planes": planes, "voxel": voxel, "table": "magma"}
+        return volume_item(volume.reshape(-1, *volume.shape[-3:]), content, **small, **style)
+    values = host_array(subject, "What a page shows")
     if values.dtype.kind not in "uifb":
         raise TypeError(
-            f"A page shows light fields, stacks, depth maps, volumes and pictures, not "
-            f"{type(thing).__name__}."
+            f"subject must be a light field, stack, depth map, volume or picture, got "
+            f"{type(subject).__name__}."
         )
     if values.ndim >= 4:
         lf = LightField.from_array(values)
         return light_field_item(lf, content, name=name, options=options, depth=depth)
     if values.ndim not in (2, 3):
-        raise ShapeError(f"A page shows arrays of two to five axes, not of shape {values.shape}.")
+        raise ShapeError(f"Arrays must have two to five axes, got shape {values.shape}.")
     picture = values.ndim == 2 or values.shape[2] == 3
     return volume_item(
         values[None, None] if picture else values[None], content, **small, dtype=values.dtype
     )
 
 
-def stack_item(stack: FocalStack, content: Content, **words: Any) -> dict[str, Any]:
-    """Add a focal stack to a page; what describes it."""
+def stack_item(stack: FocalStack, content: Content, **settings: Any) -> dict[str, Any]:
+    """Add a focal stack to a page, and return its description."""
     alphas = np.isfinite(stack.alphas).all()
     planes = ("alpha", "", stack.alphas) if alphas else ("disparity", "", stack.disparities)
     voxel = None
     if stack.spacing is not None:
         voxel = (None, abs(stack.spacing[2]), abs(stack.spacing[3]))
-    return volume_item(stack.to_numpy()[None], content, planes=planes, voxel=voxel, **words)
+    return volume_item(stack.to_numpy()[None], content, planes=planes, voxel=voxel, **settings)
 
 
 def step_of(planes: Any) -> float | None:
-    """The distance of planes that are equidistant."""
+    """Return the distance of equidistant planes, or None."""
     steps = np.diff(np.asarray([] if planes is None else planes, np.float64))
     if steps.size == 0 or np.ptp(steps) > 1e-6 * abs(steps[0]):
         return None
@@ -227,7 +227,7 @@ def step_of(planes: Any) -> float | None:
 
 
 def page_of(content: Content, blobs: list[bytes] | None) -> bytes:
-    """The HTML of a page with its data, or, with None, of one that asks its server for them."""
+    """Return the HTML of a page with its data; without data, they are requested from a server."""
     about = dict(content.about)
     data = ""
     if blobs is None:
@@ -250,18 +250,18 @@ def page_of(content: Content, blobs: list[bytes] | None) -> bytes:
         "data": data,
     }
     page = (folder / "page.html").read_text(encoding="utf-8")
-    return _PLACE.sub(lambda found: parts[found[1]], page).encode()
+    return _PLACEHOLDER.sub(lambda match: parts[match[1]], page).encode()
 
 
 def style() -> str:
-    """The viewer's style sheet."""
+    """Return the style sheet of the viewer."""
     return (files("clplen") / "viewer" / "page" / "viewer.css").read_text(encoding="utf-8")
 
 
 def script(*more: str) -> str:
-    """The viewer's modules in one script, each a function that returns what it exports.
+    """Return the viewer's modules as one script; each becomes a function that returns its exports.
 
-    ``more`` are modules beyond those of a page.
+    ``more`` are additional modules.
     """
     folder = files("clplen") / "viewer" / "page"
     parts = []
@@ -274,5 +274,5 @@ def script(*more: str) -> str:
 
 
 def _json(about: dict[str, Any]) -> str:
-    """JSON that ends no script element and holds no NaN."""
+    """Return JSON that cannot end a script element and has no NaN."""
     return json.dumps(about, allow_nan=False).replace("<", "\\u003c")

@@ -1,4 +1,4 @@
-"""A light field as an item of a page: views, laws of focus and aperture, depth, raw image."""
+"""Light fields as items of a page: views, laws of focus and aperture, depth, raw image."""
 
 from __future__ import annotations
 
@@ -21,30 +21,30 @@ from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.raw.raw_image import RawImage, is_telecentric
 from clplen.lightfield.stacks import focal_stack
 
-_RANGE = (2.0, 98.0)  # per cent of the disparities that the colours of a depth map span
-_SURE = 0.5  # confidence above which they count
-_WIDER = 0.5  # of that span, by which planes are searched beyond it
-_PLANES = 33
-_RAW_QUALITY = 90  # of a raw image that is larger than
-_RAW_PIXELS = 2_000_000
-_FAR = 1e9  # metres
+_RANGE = (2.0, 98.0)  # percentiles of disparity at the ends of the colour table
+_MIN_CONFIDENCE = 0.5  # of disparities used for the range
+_FOCUS_MARGIN = 0.5  # of the disparity range, added at both ends for focusing
+_PLANES = 33  # planes searched for the initial focus
+_RAW_QUALITY = 90  # JPEG quality of a large raw image
+_MAX_PNG_PIXELS = 2_000_000  # larger raw images are JPEG
+_MAX_DISTANCE = 1e9  # metres; larger object distances are infinite
 
 
 @dataclass(frozen=True)
 class PageOptions:
-    """How light fields are kept in a page."""
+    """Options for light fields in a page."""
 
-    quality: int | None = None  # of JPEG, 1 to 100; None: without loss
-    downscale: int = 1  # pixels of the views along each axis for one of the page
-    views: tuple[int, int] | None = None  # at most so many views (V, U), those in the middle
+    quality: int | None = None  # JPEG quality, 1 to 100; None for lossless
+    downscale: int = 1  # pixels averaged along each axis
+    views: tuple[int, int] | None = None  # largest number of central views (V, U)
 
     def __post_init__(self) -> None:
         if self.quality is not None and not 1 <= self.quality <= 100:
-            raise ValueError(f"quality is that of JPEG, 1 to 100, not {self.quality!r}.")
+            raise ValueError(f"quality must be 1 to 100, got {self.quality!r}.")
         if not is_integer(self.downscale) or self.downscale < 1:
-            raise ValueError(f"downscale is a whole number from 1 on, not {self.downscale!r}.")
+            raise ValueError(f"downscale must be a positive integer, got {self.downscale!r}.")
         if self.views is not None and min(self.views) < 1:
-            raise ValueError(f"views are at least 1 x 1, not {self.views!r}.")
+            raise ValueError(f"views must be at least 1 x 1, got {self.views!r}.")
 
 
 def light_field_item(
@@ -58,36 +58,36 @@ def light_field_item(
     srgb: bool = False,
     device: DeviceLike | None = None,
 ) -> dict[str, Any]:
-    """Add a light field to a page; what describes it."""
+    """Add a light field to a page, and return its description."""
     if lf.shape[4:] not in ((), (1,), (3,)):
         raise ShapeError(
-            f"A page shows one or three channels, and this light field has {lf.shape[4]}: take "
-            "some of them with clplen.LightField in Python."
+            f"A light field must have one or three channels for a page, got {lf.shape[4]}: select "
+            "channels with clplen.LightField in Python."
         )
-    rows, columns = _kept(lf.shape[:2], options.views)
-    small = smaller(lf, rows, columns, options.downscale, device)
+    rows, columns = _central_views(lf.shape[:2], options.views)
+    reduced = reduced_light_field(lf, rows, columns, options.downscale, device)
     channels = (3,) if lf.shape[4:] == (3,) else ()
-    V, U, ny, nx = small.shape[:4]
-    samples = small.to_numpy().reshape(V * U, ny, nx, *channels)
-    focus, span = _focus(small, depth, options.downscale)
+    V, U, ny, nx = reduced.shape[:4]
+    samples = reduced.to_numpy().reshape(V * U, ny, nx, *channels)
+    focus, span = _focus(reduced, depth, options.downscale)
     raw = lf.raw if isinstance(lf, LightField) else None
-    dy, dx = (math.nan, math.nan) if small.spacing is None else small.spacing[2:]
-    known = np.isfinite([dy, dx]).all()
+    dy, dx = (math.nan, math.nan) if reduced.spacing is None else reduced.spacing[2:]
+    has_pixel = np.isfinite([dy, dx]).all()
     n = options.downscale
     return {
         "kind": "light field",
         "name": name,
         "shape": [V, U, ny, nx, *channels],
         "samples": _samples(samples, content, options.quality),
-        "weights": [float(w) for w in small.weights.ravel()],
-        "steps": [[float(y), float(x)] for y, x in unit_steps(small).reshape(-1, 2)],
+        "weights": [float(w) for w in reduced.weights.ravel()],
+        "steps": [[float(y), float(x)] for y, x in unit_steps(reduced).reshape(-1, 2)],
         "focus": focus,
         "range": list(span),
-        "alpha": _alpha(small),
-        "metres": _metres(small, span),
-        "f_number": _f_number(small, U),
-        "pixel": [abs(dy), abs(dx)] if known else None,
-        "shown": _shown(samples, srgb),
+        "alpha": _alpha(reduced),
+        "metres": _metres(reduced, span),
+        "f_number": _f_number(reduced, U),
+        "pixel": [abs(dy), abs(dx)] if has_pixel else None,
+        "shown": _display_range(samples, srgb),
         "depth": None if depth is None else depth_item(depth, content, n, depth_file),
         "raw": None if raw is None else _raw(raw, content),
         "full": {
@@ -98,20 +98,23 @@ def light_field_item(
     }
 
 
-def smaller(
+def reduced_light_field(
     lf: LightField | StoredLightField,
     rows: slice,
     columns: slice,
     n: int,
     device: DeviceLike | None = None,
 ) -> LightField:
-    """Some of the views, their pixels the means of n x n, as a light field of their own."""
+    """Return some of the views, averaged over n x n pixels, as a light field."""
     ny, nx = (size // n for size in lf.shape[2:4])
     if min(ny, nx) < 1:
-        raise ShapeError(f"Views of {lf.shape[2]} x {lf.shape[3]} pixels have none by {n} x {n}.")
-    whole = (rows.stop - rows.start, columns.stop - columns.start) == lf.shape[:2] and n == 1
+        raise ShapeError(
+            f"downscale must be at most the {lf.shape[2]} x {lf.shape[3]} pixels of a view, got "
+            f"{n}."
+        )
+    is_unchanged = (rows.stop - rows.start, columns.stop - columns.start) == lf.shape[:2] and n == 1
     if isinstance(lf, LightField):
-        if whole:
+        if is_unchanged:
             return lf
         device = lf.device
     read: Any = lf.to_numpy().__getitem__ if isinstance(lf, LightField) else lf.read
@@ -126,7 +129,7 @@ def smaller(
     if spacing is not None:
         spacing = (*spacing[:2], spacing[2] * n, spacing[3] * n)
     positions = None if lf.positions is None else lf.positions[rows, columns]
-    made = LightField.from_array(
+    result = LightField.from_array(
         out,
         device=device,
         spacing=spacing,
@@ -134,13 +137,13 @@ def smaller(
         camera=lf.camera,
         positions=positions,
     )
-    return replace(made, decode=lf.decode, parametrisation=lf.parametrisation)
+    return replace(result, decode=lf.decode, parametrisation=lf.parametrisation)
 
 
 def depth_item(
     depth: DepthMap, content: Content, n: int = 1, file: str | None = None
 ) -> dict[str, Any]:
-    """Add a depth map to a page; what describes it. Disparities are those of every n-th pixel."""
+    """Add a depth map, with disparities of every n-th pixel, and return its description."""
     disparity = depth.disparity / n
     if n > 1:
         disparity = disparity[n // 2 :: n, n // 2 :: n][
@@ -155,22 +158,22 @@ def depth_item(
 
 
 def map_item(values: Array, content: Content) -> dict[str, Any]:
-    """Add a map of floats to a page; what describes it."""
+    """Add a map of floats to a page, and return its description."""
     return {"shape": list(values.shape), "blob": content.add(lambda: packed_floats(values))}
 
 
-def _kept(views: tuple[int, ...], most: tuple[int, int] | None) -> tuple[slice, slice]:
-    """Rows and columns about the middle; counts stay odd or even, so that the centre stays."""
-    kept = []
-    for n, wanted in zip(views, most or views, strict=True):
-        count = min(wanted, n)
+def _central_views(views: tuple[int, ...], limits: tuple[int, int] | None) -> tuple[slice, slice]:
+    """Return rows and columns about the centre; the parity of the counts is kept."""
+    slices = []
+    for n, limit in zip(views, limits or views, strict=True):
+        count = min(limit, n)
         count -= (n - count) % 2 and count > 1
-        kept.append(slice((n - count) // 2, (n - count) // 2 + count))
-    return kept[0], kept[1]
+        slices.append(slice((n - count) // 2, (n - count) // 2 + count))
+    return slices[0], slices[1]
 
 
 def _samples(samples: Array, content: Content, quality: int | None) -> dict[str, Any]:
-    """Add all views; their type and levels."""
+    """Add all views to a page, and return their type and levels."""
     eight = samples.dtype == np.uint8
     if not eight and quality is None:
         levels = Levels.of(samples)
@@ -179,28 +182,28 @@ def _samples(samples: Array, content: Content, quality: int | None) -> dict[str,
     levels = Levels(0.0, 1.0) if eight else Levels.of(samples, 255)
 
     def picture(view: Array) -> bytes:
-        shown = view if eight else np.rint((view - levels.low) / levels.step).astype(np.uint8)
-        return png(shown) if quality is None else jpeg(shown, quality)
+        pixels = view if eight else np.rint((view - levels.low) / levels.step).astype(np.uint8)
+        return png(pixels) if quality is None else jpeg(pixels, quality)
 
     blobs = [content.add(lambda view=view: picture(view)) for view in samples]  # type: ignore[misc]
     return {"type": "uint8", "low": levels.low, "step": 255 * levels.step, "blobs": blobs}
 
 
-def _shown(samples: Array, srgb: bool) -> dict[str, Any]:
-    """Black, white and curve at first, and the range of both."""
-    some = samples[len(samples) // 2]
-    white = float(f"{white_level(some, samples.dtype, srgb=srgb):.4g}")
-    most = 255.0 if samples.dtype == np.uint8 else max(float(samples.max()), white)
+def _display_range(samples: Array, srgb: bool) -> dict[str, Any]:
+    """Return initial black, white and curve, and the range of both."""
+    central_view = samples[len(samples) // 2]
+    white = float(f"{white_level(central_view, samples.dtype, srgb=srgb):.4g}")
+    high = 255.0 if samples.dtype == np.uint8 else max(float(samples.max()), white)
     low = min(0.0, float(samples.min()))
     curve = "srgb" if srgb else "linear"
-    return {"black": 0.0, "white": white, "curve": curve, "range": [low, most]}
+    return {"black": 0.0, "white": white, "curve": curve, "range": [low, high]}
 
 
 def _span(depth: DepthMap) -> tuple[float, float]:
-    """The disparities between which nearly all sure ones lie."""
-    known = np.isfinite(depth.disparity)
-    sure = known & (depth.confidence > _SURE)
-    values = depth.disparity[sure if sure.sum() > 100 else known]
+    """Return the range of nearly all reliable disparities."""
+    is_finite = np.isfinite(depth.disparity)
+    is_reliable = is_finite & (depth.confidence > _MIN_CONFIDENCE)
+    values = depth.disparity[is_reliable if is_reliable.sum() > 100 else is_finite]
     if values.size == 0:
         return 0.0, 0.0
     low, high = np.percentile(values, _RANGE)
@@ -208,31 +211,33 @@ def _span(depth: DepthMap) -> tuple[float, float]:
 
 
 def _focus(lf: LightField, depth: DepthMap | None, n: int) -> tuple[float, tuple[float, float]]:
-    """The disparity to begin with, and the range to look through; depth is that of finer views."""
+    """Return the initial disparity and the range of focus; ``depth`` is of the unreduced views."""
     planes = np.asarray(default_disparities(lf), np.float64)
     if depth is not None:
         low, high = (end / n for end in _span(depth))
-        wide = _WIDER * max(high - low, 0.1)
-        sure = depth.disparity[np.isfinite(depth.disparity) & (depth.confidence > _SURE)]
-        focus = float(np.median(sure)) / n if sure.size else 0.0
-        return focus, (min(low - wide, 0.0), max(high + wide, 0.0))
+        margin = _FOCUS_MARGIN * max(high - low, 0.1)
+        reliable = depth.disparity[
+            np.isfinite(depth.disparity) & (depth.confidence > _MIN_CONFIDENCE)
+        ]
+        focus = float(np.median(reliable)) / n if reliable.size else 0.0
+        return focus, (min(low - margin, 0.0), max(high + margin, 0.0))
     ends = (float(planes.min()), float(planes.max()))
     if np.count_nonzero(lf.weights) < 2:
         return 0.0, ends
-    tried = np.linspace(*ends, _PLANES)
-    stack = focal_stack(lf, disparities=tried)
-    return float(tried[int(sharpness_curve(stack).argmax())]), ends
+    candidates = np.linspace(*ends, _PLANES)
+    stack = focal_stack(lf, disparities=candidates)
+    return float(candidates[int(sharpness_curve(stack).argmax())]), ends
 
 
 def _alpha(lf: LightField) -> dict[str, Any] | None:
-    """The law of alpha: du/dx, and whether it is that of naive cells."""
+    """Return the law of alpha: du/dx, and True for naive cells."""
     if lf.spacing is None or is_telecentric(lf) or not np.isfinite(lf.alpha(0.0)):
         return None
     return {"ratio": lf.spacing[1] / lf.spacing[3], "inverse": lf.decode == "naive"}
 
 
 def _metres(lf: LightField, span: tuple[float, float]) -> dict[str, Any] | None:
-    """z(d), 1/(offset + slope d) - object by the lens law, or slope d of a telecentric camera."""
+    """Return z(d): 1/(offset + slope d) - object by the lens law, or slope d if telecentric."""
     ends = np.array([0.0, 0.25 * span[1] or 0.25 * span[0] or 0.1])
     z = np.asarray(depth_at(lf, ends), np.float64)
     if not np.isfinite(z).all():
@@ -240,20 +245,22 @@ def _metres(lf: LightField, span: tuple[float, float]) -> dict[str, Any] | None:
     if is_telecentric(lf):
         return {"linear": True, "slope": float(z[1] / ends[1])}
     distance = getattr(lf.camera, "object_distance", None)
-    if distance is None or not 0 < distance < _FAR:
+    if distance is None or not 0 < distance < _MAX_DISTANCE:
         return None
     inverse = 1 / (z + distance)
     slope = (inverse[1] - inverse[0]) / ends[1]
     third = -0.5 * ends[1]
-    found = 1 / (inverse[0] + slope * third) - distance
-    if not math.isclose(found, float(depth_at(lf, third)), rel_tol=1e-6, abs_tol=1e-9 * distance):
+    predicted = 1 / (inverse[0] + slope * third) - distance
+    if not math.isclose(
+        predicted, float(depth_at(lf, third)), rel_tol=1e-6, abs_tol=1e-9 * distance
+    ):
         return None
     law = {"offset": float(inverse[0]), "slope": float(slope), "object": float(distance)}
     return {"linear": False, **law}
 
 
 def _f_number(lf: LightField, across: int) -> float | None:
-    """Of the light field's whole width, at the image."""
+    """Return the f-number of the full width of the light field, at the image."""
     if lf.camera is None or lf.spacing is None or is_telecentric(lf):
         return None
     width = abs(lf.spacing[1]) * across
@@ -261,11 +268,11 @@ def _f_number(lf: LightField, across: int) -> float | None:
 
 
 def _raw(raw: RawImage, content: Content) -> dict[str, Any]:
-    """Add the raw image, of 8 bits; its size and lenslets."""
+    """Add the raw image in 8 bits, and return its size and lenslets."""
     values = raw.to_numpy()
     white = white_level(values, np.dtype(np.float32))
     eight = np.rint(255 * np.clip(values / white, 0, 1)).astype(np.uint8)
-    large = values.size > _RAW_PIXELS
+    large = values.size > _MAX_PNG_PIXELS
     blob = content.add(lambda: jpeg(eight, _RAW_QUALITY) if large else png(eight))
     grid = raw.sub_images
     lattice = None

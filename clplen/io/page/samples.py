@@ -1,4 +1,4 @@
-"""Samples as a page keeps them: 8 bits as PNG or JPEG, all others as gzip of 16 bits."""
+"""Samples of a page: 8 bits as PNG or JPEG, others as gzip of 16 bits."""
 
 from __future__ import annotations
 
@@ -15,39 +15,39 @@ from PIL import Image as Pillow
 Array = np.ndarray[Any, Any]
 Blob = Callable[[], bytes]
 
-MOST = 65534  # the largest level of 16 bits; the next one stands for NaN
-_LEVEL = 6  # of deflate
+MAX_LEVEL = 65534  # largest level of 16 bits; the next value means NaN
+_DEFLATE_LEVEL = 6
 _THREADS = 4
 
 
 @dataclass
 class Content:
-    """What a page shows: a description of JSON that names parts of the data by their numbers."""
+    """Content of a page: a JSON description that refers to parts of the data by index."""
 
-    # title, items; for several results side by side compare and scores.
+    # Keys "title" and "items"; for a comparison also "compare" and "scores".
     about: dict[str, Any] = field(default_factory=dict)
-    blobs: list[Blob] = field(default_factory=list)  # each gives the bytes of a part
+    blobs: list[Blob] = field(default_factory=list)  # each returns the bytes of a part
 
     def add(self, blob: Blob) -> int:
-        """Keep a part; its number."""
+        """Add a part of the data, and return its index."""
         self.blobs.append(blob)
         return len(self.blobs) - 1
 
     def encoded(self) -> list[bytes]:
-        """All parts, made by a few threads: zlib and Pillow compute without Python's lock."""
+        """Return the bytes of all parts; zlib and Pillow run in parallel threads."""
         with ThreadPoolExecutor(_THREADS) as pool:
             return list(pool.map(lambda blob: blob(), self.blobs))
 
 
 def png(picture: Array) -> bytes:
-    """A uint8 picture (y, x[, 3]) without loss."""
+    """Encode a uint8 picture (y, x[, 3]) without loss."""
     stream = BytesIO()
-    Pillow.fromarray(picture).save(stream, "png", compress_level=_LEVEL)
+    Pillow.fromarray(picture).save(stream, "png", compress_level=_DEFLATE_LEVEL)
     return stream.getvalue()
 
 
 def jpeg(picture: Array, quality: int) -> bytes:
-    """A uint8 picture (y, x[, 3]) as JPEG, its colours at full resolution."""
+    """Encode a uint8 picture (y, x[, 3]) as JPEG with colours at full resolution."""
     stream = BytesIO()
     Pillow.fromarray(picture).save(stream, "jpeg", quality=quality, subsampling=0)
     return stream.getvalue()
@@ -55,44 +55,46 @@ def jpeg(picture: Array, quality: int) -> bytes:
 
 @dataclass(frozen=True)
 class Levels:
-    """Values by their levels q, low + q step; NaN is level 65535 of 16 bits."""
+    """Quantised values low + q step; NaN is level 65535 of 16 bits."""
 
     low: float
     step: float
 
     @classmethod
-    def of(cls, values: Array, most: int = MOST) -> Levels:
-        """The levels that hold all finite values."""
-        known = values[np.isfinite(values)]
-        if known.size == 0:
+    def of(cls, values: Array, largest: int = MAX_LEVEL) -> Levels:
+        """Return the levels for all finite values."""
+        finite = values[np.isfinite(values)]
+        if finite.size == 0:
             return cls(0.0, 1.0)
-        low, high = float(known.min()), float(known.max())
-        if values.dtype.kind == "u" and high <= most:
+        low, high = float(finite.min()), float(finite.max())
+        if values.dtype.kind == "u" and high <= largest:
             return cls(0.0, 1.0)
-        return cls(low, (high - low) / most or 1.0)
+        return cls(low, (high - low) / largest or 1.0)
 
     def sixteen(self, values: Array) -> Array:
-        """Levels of 16 bits."""
-        shares = (np.asarray(values, np.float64) - self.low) / self.step
-        known = np.isfinite(shares)
-        return np.where(known, np.rint(np.where(known, shares, 0)), MOST + 1).astype(np.uint16)
+        """Return levels of 16 bits."""
+        levels = (np.asarray(values, np.float64) - self.low) / self.step
+        is_valid = np.isfinite(levels)
+        return np.where(is_valid, np.rint(np.where(is_valid, levels, 0)), MAX_LEVEL + 1).astype(
+            np.uint16
+        )
 
     def packed(self, values: Array) -> bytes:
-        """Values (y, x[, c]) as gzip: differences along rows, all low bytes, then all high ones."""
+        """Return values (y, x[, c]) as gzip: differences along rows, low bytes, then high bytes."""
         levels = self.sixteen(values).reshape(len(values), -1)
         difference = np.diff(levels, axis=1, prepend=np.uint16(0))
         halves = difference.astype("<u2", order="C").view(np.uint8).reshape(-1, 2)
-        return gzip.compress(np.ascontiguousarray(halves.T).tobytes(), _LEVEL, mtime=0)
+        return gzip.compress(np.ascontiguousarray(halves.T).tobytes(), _DEFLATE_LEVEL, mtime=0)
 
 
 def packed_floats(values: Array) -> bytes:
-    """Values as gzip of float32, all first bytes, then all second ones and so on."""
+    """Return values as gzip of float32: all first bytes, then all second bytes and so on."""
     parts = np.ascontiguousarray(values, "<f4").view(np.uint8).reshape(-1, 4)
-    return gzip.compress(np.ascontiguousarray(parts.T).tobytes(), _LEVEL, mtime=0)
+    return gzip.compress(np.ascontiguousarray(parts.T).tobytes(), _DEFLATE_LEVEL, mtime=0)
 
 
 def downscaled(values: Array, n: int) -> Array:
-    """Means of n x n pixels of a picture (y, x[, c]), of its type; the rest is left out."""
+    """Return means of n x n pixels of a picture (y, x[, c]) in its dtype; drop the remainder."""
     if n == 1:
         return values
     ny, nx = (size // n for size in values.shape[:2])

@@ -1,4 +1,4 @@
-"""Tracks over the volumes of a page."""
+"""Tracks drawn over the volumes of a page."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ Values = np.ndarray[Any, Any]
 def add_tracks(
     item: dict[str, Any], frames: Values, ids: Values, positions: Values, *, downscale: int = 1
 ) -> None:
-    """Add tracks to what describes a volume."""
+    """Add tracks to the description of a volume."""
     planes, spacing = item.get("planes"), item.get("spacing")
     if item["kind"] != "volume":
-        raise FormatError(f"Tracks go with a volume: {item['name']} is a {item['kind']}.")
+        raise FormatError(f"Tracks need a volume, but {item['name']} is a {item['kind']}.")
     is_flat = item["shape"][1] == 1
     if spacing is None or not (is_flat or (planes is not None and planes["unit"] == "m")):
         raise FormatError(
-            f"{item['name']} does not say where its planes lie and how large its voxels are, which "
-            "tracks in metres need."
+            f"Tracks in metres need the z of planes and the voxel size, but {item['name']} has "
+            "none."
         )
     z, y, x = positions.T
     plane = np.zeros_like(z) if planes is None or is_flat else _plane(z, planes["values"])
@@ -39,6 +39,6 @@ def add_tracks(
 
 
 def _plane(z: Values, planes: list[float]) -> Values:
-    """The place of z among planes, linear between them."""
+    """Return the fractional index of z among planes by linear interpolation."""
     order = np.argsort(planes)
     return np.interp(z, np.array(planes)[order], order.astype(float))

@@ -11,7 +11,7 @@ from clplen.errors import ShapeError
 from clplen.io.formats.animation import white_level
 from clplen.io.page.samples import Array, Content, Levels, downscaled
 
-_MAP_RANGE = (1.0, 99.0)  # per cent of the values that the colours of a map span
+_MAP_RANGE = (1.0, 99.0)  # percentiles at the ends of the colour table
 
 
 def volume_item(
@@ -28,19 +28,21 @@ def volume_item(
     dtype: np.dtype[Any] | None = None,
     srgb: bool = False,
 ) -> dict[str, Any]:
-    """Add a series of pictures to a page; what describes it."""
+    """Add a series of pictures to a page, and return its description."""
     data = np.asarray(values)
     if data.ndim not in (4, 5) or data.size == 0 or data.shape[4:] not in ((), (1,), (3,)):
         raise ShapeError(
-            f"A page shows series of shape (t, z, y, x) or (t, z, y, x, 3), not {data.shape}."
+            f"A series must have shape (t, z, y, x) or (t, z, y, x, 3), got {data.shape}."
         )
     channels = (3,) if data.shape[4:] == (3,) else ()
     data = data.reshape(*data.shape[:4], *channels)
     T, Z = data.shape[:2]
     ny, nx = (size // downscale for size in data.shape[2:4])
     if min(ny, nx) < 1:
-        raise ShapeError(f"Pictures of {data.shape[2]} x {data.shape[3]} pixels are too small.")
-    known = data[np.isfinite(data)]
+        raise ShapeError(
+            f"downscale must be at most {data.shape[2]} x {data.shape[3]}, got {downscale}."
+        )
+    finite = data[np.isfinite(data)]
     levels = Levels.of(data)
     blobs = [
         content.add(lambda plane=plane: levels.packed(downscaled(plane, downscale)))  # type: ignore[misc]
@@ -59,7 +61,7 @@ def volume_item(
         "first": Z // 2 if first is None else int(first),
         "spacing": spacing,
         "unit": unit,
-        "shown": _shown(known, table, dtype, srgb),
+        "shown": _display_range(finite, table, dtype, srgb),
     }
 
 
@@ -68,16 +70,18 @@ def _planes(label: str, unit: str, values: ArrayLike) -> dict[str, Any]:
     return {"label": label, "unit": unit, "values": numbers}
 
 
-def _shown(known: Array, table: str, dtype: np.dtype[Any] | None, srgb: bool) -> dict[str, Any]:
-    """Black, white and curve at first, and the range of both."""
-    if known.size == 0:
+def _display_range(
+    finite: Array, table: str, dtype: np.dtype[Any] | None, srgb: bool
+) -> dict[str, Any]:
+    """Return initial black, white and curve, and the range of both."""
+    if finite.size == 0:
         return {"black": 0.0, "white": 1.0, "curve": "linear", "table": table, "range": [0.0, 1.0]}
-    low, high = float(known.min()), float(known.max())
+    low, high = float(finite.min()), float(finite.max())
     if table == "grey":
         black = 0.0 if low >= 0 else low
-        white = white_level(known, np.dtype(np.float32) if dtype is None else dtype, srgb=srgb)
+        white = white_level(finite, np.dtype(np.float32) if dtype is None else dtype, srgb=srgb)
     else:
-        black, white = (float(end) for end in np.percentile(known, _MAP_RANGE))
+        black, white = (float(end) for end in np.percentile(finite, _MAP_RANGE))
     black, white = float(f"{black:.4g}"), float(f"{white:.4g}")
     if not white > black:
         white = black + max(abs(black), 1.0) * 1e-3

@@ -1,5 +1,5 @@
-"""Raw sensor frames: pictures, Lytro containers, Raytrix calibrations, simulated ones in HDF5.
+"""Raw sensor frames: pictures, Lytro containers, Raytrix calibrations, simulated frames in HDF5.
 
-Paths come in, frames, lattices and `RawImage` leave; may import `clplen.io.formats` and
-`clplen.io.store`.
+Functions take paths and return frames, lattices or `RawImage`. Modules may import
+`clplen.io.formats` and `clplen.io.store`.
 """

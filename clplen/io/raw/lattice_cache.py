@@ -1,7 +1,7 @@
-"""Lattices of lenslets that were found before, so that a picture is searched once.
+"""Cache of estimated lenslet lattices.
 
-A lattice is kept under the digest of the picture, the dark frame, the words of the search and the
-code that searches, in clplen's cache folder.
+The key is the digest of the picture, the dark frame, the options of the estimate and its source
+code. Files are in clplen's cache folder.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Frame = np.ndarray[Any, Any]
 _FOLDER = "lattices"
 
 
-def kept_lattice(
+def cached_lattice(
     picture: Frame,
     *,
     dark: Frame | None = None,
@@ -32,23 +32,23 @@ def kept_lattice(
     bayer: str | tuple[tuple[str, ...], ...] | None = None,
     pitch: float | None = None,
 ) -> Lattice:
-    """The lattice of a white image: from the cache, or by `estimate_lattice`, and kept then."""
-    words = {"kind": kind, "bayer": bayer, "pitch": pitch}
-    file = cache_dir() / _FOLDER / f"{_digest(picture, dark, words)}.json"
-    known = _read(file)
-    if known is not None:
-        return known
-    found = estimate_lattice(picture, dark=dark, kind=kind, bayer=bayer, pitch=pitch)
+    """Return the lattice of a white image from the cache, or estimate and cache it."""
+    options = {"kind": kind, "bayer": bayer, "pitch": pitch}
+    file = cache_dir() / _FOLDER / f"{_digest(picture, dark, options)}.json"
+    lattice = _read(file)
+    if lattice is not None:
+        return lattice
+    lattice = estimate_lattice(picture, dark=dark, kind=kind, bayer=bayer, pitch=pitch)
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        found.save(file)
-    except OSError:  # it is sought again
+        lattice.save(file)
+    except OSError:  # estimated again next time
         pass
-    return found
+    return lattice
 
 
-def _digest(picture: Frame, dark: Frame | None, words: dict[str, Any]) -> str:
-    digest = hashlib.blake2b(json.dumps(words, sort_keys=True).encode(), digest_size=16)
+def _digest(picture: Frame, dark: Frame | None, options: dict[str, Any]) -> str:
+    digest = hashlib.blake2b(json.dumps(options, sort_keys=True).encode(), digest_size=16)
     for frame in (picture, dark):
         if frame is not None:
             digest.update(f"{frame.shape}{frame.dtype.str}".encode())
@@ -59,7 +59,7 @@ def _digest(picture: Frame, dark: Frame | None, words: dict[str, Any]) -> str:
 
 
 def _read(file: Path) -> Lattice | None:
-    """A lattice that was kept; None where there is none, or the file is damaged."""
+    """Return a cached lattice; None if it is missing or damaged."""
     try:
         return Lattice.load(file)
     except FormatError:

@@ -1,8 +1,8 @@
-"""What a Lytro camera writes beside its raw image: levels, colour, lens, lenslets, serial number.
+"""Metadata of a Lytro raw image: levels, colour, lens, lenslets, serial number.
 
-The names are those of the JSON of both generations (LFToolbox, Dansereau 2013-2020: LFReadLFP.m,
-LFLytroDecodeImage.m, LFGatherCamInfo.m). A value that is absent or no number is None: each can be
-done without.
+Names follow the JSON of both generations (LFToolbox, Dansereau 2013-2020: LFReadLFP.m,
+LFLytroDecodeImage.m, LFGatherCamInfo.m). All values are optional: a missing or invalid value is
+None.
 """
 
 from __future__ import annotations
@@ -17,35 +17,35 @@ import numpy as np
 from clplen.lightfield.raw.raw_image import tiled
 
 _CORNERS = ("r", "gr", "gb", "b")
-_LARGEST_GAIN = 100.0
+_MAX_GAIN = 100.0  # plausible white balance and colour matrix
 
 
 @dataclass(frozen=True)
 class LytroMetadata:
-    """The metadata of a Lytro frame."""
+    """Metadata of a Lytro frame."""
 
     model: str | None = None  # F01 or ILLUM (B01)
-    serial: str | None = None  # of the camera
-    # Positions of the lens' two motors, by which a white image is chosen.
+    serial: str | None = None  # serial number of the camera
+    # Positions of the zoom and focus motors; they select the white image.
     zoom_step: float | None = None
     focus_step: float | None = None
     exposure: float | None = None  # exposure time in seconds
-    black: dict[str, float] | None = None  # levels of the colours r, gr, gb, b in digital numbers
-    white: dict[str, float] | None = None  # levels of the colours r, gr, gb, b in digital numbers
-    # Factors of red, green and blue, green 1.
+    black: dict[str, float] | None = None  # levels of r, gr, gb, b in digital numbers
+    white: dict[str, float] | None = None  # levels of r, gr, gb, b in digital numbers
+    # Factors of red, green and blue relative to green.
     white_balance: tuple[float, float, float] | None = None
     # float64, shape (3, 3): linear sRGB = matrix @ camera RGB, white balanced.
     colour_matrix: np.ndarray[Any, np.dtype[np.float64]] | None = None
     lens_pitch: float | None = None  # in metres
     pixel_pitch: float | None = None  # in metres
-    rotation: float | None = None  # of the array of lenslets, radians
-    lattice: str | None = None  # "hexagonal", where the metadata tell so
-    # Names (sha1) of the calibration that the camera itself refers to.
+    rotation: float | None = None  # of the lenslet array in radians
+    lattice: str | None = None  # "hexagonal", or None if not stated
+    # Names (sha1) of the calibration files that the camera refers to.
     references: frozenset[str] = frozenset()
 
     @property
     def pitch(self) -> float | None:
-        """Distance of neighbouring lenslets in pixels."""
+        """Distance of neighbouring lenslets in pixels, or None."""
         if self.lens_pitch is None or self.pixel_pitch is None:
             return None
         pitch = self.lens_pitch / self.pixel_pitch
@@ -54,7 +54,7 @@ class LytroMetadata:
     def black_frame(
         self, shape: tuple[int, int], bayer: str | None
     ) -> np.ndarray[Any, np.dtype[np.float32]] | None:
-        """The black level of every pixel, float32; None where the metadata tell none."""
+        """Return the black level of every pixel, float32, or None if not stated."""
         if self.black is None:
             return None
         tile = np.array(_levels_of(self.black, bayer), np.float32).reshape(2, 2)
@@ -62,7 +62,7 @@ class LytroMetadata:
 
     @property
     def range(self) -> float | None:
-        """White level less black level, of green; None where the metadata tell none."""
+        """White level minus black level of green, or None if not stated."""
         if self.black is None or self.white is None:
             return None
         span = self.white["gr"] - self.black["gr"]
@@ -70,7 +70,7 @@ class LytroMetadata:
 
 
 def lytro_metadata(*parts: dict[str, Any]) -> LytroMetadata:
-    """The metadata of a frame, from the objects that hold them."""
+    """Return the metadata of a frame from the JSON objects that hold them."""
     holders = [holder for part in parts for holder in _holders(part)]
 
     def first(*paths: str) -> Any:
@@ -106,24 +106,24 @@ def lytro_metadata(*parts: dict[str, Any]) -> LytroMetadata:
 
 
 def _holders(part: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """The objects that may hold metadata: the part itself, and the frame of a calibration file."""
+    """Yield the objects that may hold metadata: the object itself and its first frame."""
     yield part
     for keys in (("master", "picture", "frameArray"), ("picture", "frameArray"), ("frames",)):
-        found: Any = part
+        entry: Any = part
         for key in keys:
-            found = found.get(key) if isinstance(found, dict) else None
-        if isinstance(found, list) and found and isinstance(found[0], dict):
-            frame = found[0].get("frame")
+            entry = entry.get(key) if isinstance(entry, dict) else None
+        if isinstance(entry, list) and entry and isinstance(entry[0], dict):
+            frame = entry[0].get("frame")
             for name in ("metadata", "privateMetadata"):
                 if isinstance(frame, dict) and isinstance(frame.get(name), dict):
                     yield frame[name]
 
 
 def _at(holder: dict[str, Any], path: str) -> Any:
-    found: Any = holder
+    value: Any = holder
     for key in path.split("."):
-        found = found.get(key) if isinstance(found, dict) else None
-    return found
+        value = value.get(key) if isinstance(value, dict) else None
+    return value
 
 
 def _text(value: Any) -> str | None:
@@ -132,7 +132,7 @@ def _text(value: Any) -> str | None:
 
 def _number(value: Any) -> float | None:
     plain = isinstance(value, int | float) and not isinstance(value, bool)
-    return float(value) if plain and abs(value) < 1e9 else None  # NaN and infinity are not
+    return float(value) if plain and abs(value) < 1e9 else None  # rejects NaN and infinity
 
 
 def _positive(value: Any) -> float | None:
@@ -141,26 +141,26 @@ def _positive(value: Any) -> float | None:
 
 
 def _levels(value: Any) -> dict[str, float] | None:
-    found = {name: _number(_at(value, name)) for name in _CORNERS} if value is not None else {}
-    levels = {name: level for name, level in found.items() if level is not None and level >= 0}
+    numbers = {name: _number(_at(value, name)) for name in _CORNERS} if value is not None else {}
+    levels = {name: level for name, level in numbers.items() if level is not None and level >= 0}
     return levels if len(levels) == len(_CORNERS) else None
 
 
 def _balance(value: Any) -> tuple[float, float, float] | None:
-    """Red and blue over green: the mean of the two greens has 1."""
+    """Return the gains of red and blue relative to the mean of the two greens."""
     gains = _levels(value)
     if gains is None:
         return None
     green = (gains["gr"] + gains["gb"]) / 2
-    if not all(0 < gain <= _LARGEST_GAIN for gain in (green, gains["r"], gains["b"])):
+    if not all(0 < gain <= _MAX_GAIN for gain in (green, gains["r"], gains["b"])):
         return None
     return gains["r"] / green, 1.0, gains["b"] / green
 
 
 def _matrix(value: Any) -> np.ndarray[Any, np.dtype[np.float64]] | None:
-    """Row by row; its rows add to 1, so that white stays white."""
+    """Return the colour matrix from its rows, scaled to row sums of 1 so that white is kept."""
     numbers = [_number(n) for n in value] if isinstance(value, list) else []
-    if len(numbers) != 9 or any(n is None or abs(n) > _LARGEST_GAIN for n in numbers):
+    if len(numbers) != 9 or any(n is None or abs(n) > _MAX_GAIN for n in numbers):
         return None
     matrix = np.array(numbers, np.float64).reshape(3, 3)
     sums = matrix.sum(axis=1)
@@ -170,7 +170,7 @@ def _matrix(value: Any) -> np.ndarray[Any, np.dtype[np.float64]] | None:
 
 
 def _levels_of(levels: dict[str, float], bayer: str | None) -> list[float]:
-    """Levels of the four pixels of a tile; two greens are told by the red beside one of them."""
+    """Return the levels of a Bayer tile; the green next to red has the level ``gr``."""
     if bayer is None:
         return [math.fsum(levels.values()) / len(levels)] * 4
     beside_red = {"RGGB": 1, "GRBG": 0, "GBRG": 3, "BGGR": 2}[bayer]
@@ -180,11 +180,13 @@ def _levels_of(levels: dict[str, float], bayer: str | None) -> list[float]:
 
 
 def _references(part: dict[str, Any]) -> Iterator[str]:
-    """Names of the calibration: of a first-generation file its derivations, of an Illum one its
-    geometry correction."""
+    """Yield the names of the calibration files that a frame refers to.
+
+    First-generation files list derivations; Illum files name a geometry correction.
+    """
     for path in ("picture.derivationArray", "master.picture.derivationArray"):
-        found = _at(part, path)
-        yield from (name for name in found or [] if isinstance(name, str))
+        derivations = _at(part, path)
+        yield from (name for name in derivations or [] if isinstance(name, str))
     frames = part.get("frames")
     if isinstance(frames, list) and frames and isinstance(frames[0], dict):
         name = _at(frames[0], "frame.geometryCorrectionRef")

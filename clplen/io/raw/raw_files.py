@@ -1,8 +1,8 @@
-"""Raw sensor frames of any kind of file, with the lattice of their lenslets or their camera.
+"""Read and write raw sensor frames with their lenslet lattice or camera.
 
-Simulated ones are HDF5: the dataset ``raw`` (y, x) or (y, x, c), float32, as it lies on the sensor,
-with the attributes ``pixel_pitch`` and ``wavelength`` in metres, ``levels`` (black, white, bits) of
-digital numbers, and the group ``camera`` of `clplen.io.store.attributes`.
+Simulated frames are HDF5: the float32 dataset ``raw`` (y, x) or (y, x, c), in sensor order, and the
+group ``camera`` of `clplen.io.store.attributes`. Its attributes are ``pixel_pitch`` and
+``wavelength`` in metres and the ``levels`` (black, white, bits) of digital numbers.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ from clplen.io.formats.picture import read_picture, without_alpha
 from clplen.io.formats.tiff import read_tiff_frame
 from clplen.io.formats.untrusted import (
     LYTRO,
-    LYTRO_DESCRIBED,
+    LYTRO_SUFFIXES,
     RAYTRIX_SUFFIXES,
     require_room,
 )
-from clplen.io.raw.lattice_cache import kept_lattice
+from clplen.io.raw.lattice_cache import cached_lattice
 from clplen.io.raw.lytro_container import read_container
 from clplen.io.raw.raytrix import read_raytrix
 from clplen.io.raw.sensor_tiff import SensorTags, sensor_tags, write_sensor_tiff
 from clplen.io.store import hdf5_files
-from clplen.io.store.attributes import CAMERA, RAW, SAMPLES, of_camera
+from clplen.io.store.attributes import CAMERA, RAW, SAMPLES, camera_attributes
 from clplen.io.store.hdf5_files import (
     HDF5Container,
     attributes_of,
-    created,
+    create_hdf5,
     dataset_of,
-    opened,
+    open_hdf5,
     read_array,
 )
 from clplen.io.store.opd_arrays import read_stored_camera, write_camera
@@ -50,9 +50,9 @@ from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.raw.raw_image import Levels, RawImage
 
 Frame = np.ndarray[Any, Any]
-Bayer = str | tuple[tuple[str, ...], ...]  # filters as `decode_raw` takes them
+Bayer = str | tuple[tuple[str, ...], ...]  # colour filters, as for `decode_raw`
 LEVELS = "levels"
-DECODING_BYTES = 24  # a pixel: measured peak with white image and dark frame, without views
+DECODING_BYTES = 24  # per pixel; measured peak with white image and dark frame, without views
 
 
 def write_raw(
@@ -62,27 +62,28 @@ def write_raw(
     durable: bool = False,
     white_balance: Sequence[float] | None = None,
 ) -> None:
-    """Write a raw image: with the camera that took it, or as a captured frame is stored.
+    """Write a raw image: with its camera (HDF5), or like a captured frame (TIFF).
 
     Parameters
     ----------
     path : path-like
-        ``.h5`` or ``.hdf5``: `read_raw` gives image and camera back. ``.tif`` or ``.tiff``: the
-        whole numbers of a `Sensor`, 16 bits, with colour filters, black and white level in the tags
-        of TIFF/EP and DNG; as for a captured frame, a white image or a lattice tells the lenslets.
+        Output file. ``.h5`` or ``.hdf5`` stores the camera too, for `read_raw`. ``.tif`` or
+        ``.tiff`` stores the digital numbers of a `Sensor` in 16 bits, with colour filters, black
+        and white level in the tags of TIFF/EP and DNG. Reading it needs a white image or a lattice,
+        as for a captured frame.
     raw : RawImage
-        Of a `PlenopticCamera`. How it was exposed and a scene's truth are not kept.
+        Raw image of a `PlenopticCamera`. Its exposure settings and scene truth are not stored.
     durable : bool
-        Whether to wait until the disk has the file, as in `clplen.files.replacing`.
+        True to wait until the file is on disk, as in `clplen.files.replacing`.
     white_balance : sequence of float, optional
-        Of TIFF: factors of red, green and blue that make white grey (AsShotNeutral), by which
-        `read_lightfield` multiplies.
+        Factors of red, green and blue that make white grey, stored in the tag AsShotNeutral of
+        TIFF. `read_lightfield` applies them.
 
     Raises
     ------
     ValueError, OSError
-        If the suffix is another one, or the raw image has no camera of this package (HDF5), no
-        levels or more than 16 bits (TIFF); if the file cannot be written.
+        If the suffix is unknown; if the raw image has no camera of this package (HDF5), no levels
+        or more than 16 bits (TIFF); if the file cannot be written.
 
     Examples
     --------
@@ -98,35 +99,37 @@ def write_raw(
         write_sensor_tiff(path, raw, white_balance=white_balance, durable=durable)
         return
     if white_balance is not None:
-        raise ValueError("white_balance= is kept by TIFF only: give it to decode_raw later.")
+        raise ValueError("white_balance= requires TIFF: pass it to decode_raw later instead.")
     if Path(path).suffix.lower() not in hdf5_files.SUFFIXES:
         raise ValueError(
-            f"A raw image is written as .h5, with its camera, or as .tif, not as {path}."
+            f"path must end in .h5 (with the camera) or .tif for a raw image, got {path}."
         )
     camera: Any = raw.camera
-    if of_camera(camera) is None:
+    if camera_attributes(camera) is None:
         raise ValueError(
-            "This raw image was taken by no camera of this package: keep its picture by "
-            "write_picture and its lattice by Lattice.save."
+            "This raw image has no camera of this package: save its picture with write_picture and "
+            "its lattice with Lattice.save."
         )
-    with created(path, durable=durable) as file:
+    with create_hdf5(path, durable=durable) as file:
         container = HDF5Container(file, path)
-        known: dict[str, Any] = {"pixel_pitch": float(raw.pixel_pitch)}
-        known["wavelength"] = float(camera.wavelength)
+        attributes: dict[str, Any] = {"pixel_pitch": float(raw.pixel_pitch)}
+        attributes["wavelength"] = float(camera.wavelength)
         if raw.levels is not None:
-            known[LEVELS] = [raw.levels.black, raw.levels.white, raw.levels.bit_depth]
-        container.write(RAW, raw.to_numpy(), **known)
+            attributes[LEVELS] = [raw.levels.black, raw.levels.white, raw.levels.bit_depth]
+        container.write(RAW, raw.to_numpy(), **attributes)
         write_camera(container, camera)
 
 
 def is_raw(file: h5py.File) -> bool:
-    """Whether an open file is one of `write_raw`."""
-    held = isinstance(file.get(RAW), h5py.Dataset) and isinstance(file.get(CAMERA), h5py.Group)
-    return held and SAMPLES not in file
+    """Return True for an open file of `write_raw`."""
+    has_members = isinstance(file.get(RAW), h5py.Dataset) and isinstance(
+        file.get(CAMERA), h5py.Group
+    )
+    return has_members and SAMPLES not in file
 
 
 def is_raw_file(path: PathLike) -> bool:
-    """Return whether a file is one of `write_raw` in HDF5; False too where there is none."""
+    """Return True for an HDF5 file of `write_raw`, False for other or missing files."""
     path = Path(path)
     if (
         path.suffix.lower() not in hdf5_files.SUFFIXES
@@ -134,21 +137,21 @@ def is_raw_file(path: PathLike) -> bool:
         or not h5py.is_hdf5(path)
     ):
         return False
-    with opened(path) as file:
+    with open_hdf5(path) as file:
         return is_raw(file)
 
 
 def read_raw_file(
     path: PathLike, *, device: DeviceLike | None = None, max_bytes: int | None = None
 ) -> RawImage:
-    """Read what `write_raw` wrote."""
+    """Read a raw image of `write_raw` from HDF5."""
     path = Path(path)
     device = as_device(device)
-    with opened(path) as file:
+    with open_hdf5(path) as file:
         dataset = dataset_of(file, RAW, path)
         camera = read_stored_camera(HDF5Container(file, path), device, max_bytes)
         if camera is None:
-            raise FormatError(f"{path} does not tell which camera took its raw image.")
+            raise FormatError(f"{path} does not describe the camera of its raw image.")
         _require_sensor(dataset, camera.grid.shape, path)
         data = np.ascontiguousarray(read_array(dataset, path, max_bytes), np.float32)
         levels = _levels(attributes_of(dataset, [LEVELS], path).get(LEVELS), path)
@@ -156,54 +159,56 @@ def read_raw_file(
     return replace(raw, levels=levels, mosaic=raw.mosaic if data.ndim == 2 else None)
 
 
-def _levels(found: Any, path: Path) -> Levels | None:
-    """Levels as a file has them."""
-    if found is None:
+def _levels(values: Any, path: Path) -> Levels | None:
+    """Return the validated levels of a file."""
+    if values is None:
         return None
-    numbers = isinstance(found, tuple) and all(isinstance(n, int | float) for n in found)
-    if not numbers or len(found) != 3 or not 0 <= found[0] < found[1] <= 2 ** found[2] - 1 <= 2**24:
-        raise FormatError(
-            f"{path}: {LEVELS} are the black one, the white one and bits, not {str(found)[:60]}."
-        )
-    return Levels(float(found[0]), float(found[1]), int(found[2]))
+    numbers = isinstance(values, tuple) and all(isinstance(n, int | float) for n in values)
+    if (
+        not numbers
+        or len(values) != 3
+        or not 0 <= values[0] < values[1] <= 2 ** values[2] - 1 <= 2**24
+    ):
+        raise FormatError(f"{path}: {LEVELS} must be (black, white, bits), got {str(values)[:60]}.")
+    return Levels(float(values[0]), float(values[1]), int(values[2]))
 
 
 def _require_sensor(dataset: h5py.Dataset, shape: tuple[int, int], path: Path) -> None:
     fits = tuple(dataset.shape[:2]) == shape and dataset.shape[2:] in ((), (3,))
     if not fits or dataset.dtype.kind not in "uif":
         raise FormatError(
-            f"{path}: the dataset {RAW!r} of shape {dataset.shape} holds {dataset.dtype}, not real "
-            f"numbers on the sensor of its camera, {shape}."
+            f"{path}: the dataset {RAW!r} must hold real numbers on the sensor of its camera, "
+            f"{shape}, got {dataset.dtype} of shape {dataset.shape}."
         )
 
 
 def read_frame(
     path: PathLike, *, frame: int | None = None, max_bytes: int | None = None
 ) -> tuple[Frame, Bayer | None]:
-    """Read one frame as it lies on the sensor.
+    """Read a sensor frame.
 
     Parameters
     ----------
     path : path-like
-        A picture, a Lytro container, or a raw image with its JSON beside it.
+        Picture, Lytro container, or raw image with a JSON file of equal name.
     frame : int, optional
-        Which frame of a TIFF that holds several, from 0, in the file's own order (of OME-TIFF
-        usually time, channel, plane, the last running fastest); the log says where it lies.
+        Index of the frame in a TIFF with several frames, from 0, in file order. OME-TIFF usually
+        orders time, channel, plane, the last running fastest; the log reports the position.
     max_bytes : int, optional
-        Largest allocation that a file may ask for; default half of the free memory.
+        Largest allocation that a file may cause; default half of the free memory.
 
     Returns
     -------
     numpy.ndarray, str or tuple or None
-        Shape (ny, nx), or (ny, nx, 3) of a colour picture, with the file's own dtype, no level
-        subtracted; and the colour filters, such as "GRBG", or the rows of another tile, where the
-        file tells them.
+        Frame of shape (ny, nx), or (ny, nx, 3) for a colour picture, in the dtype of the file and
+        without black-level subtraction; and the colour filters, such as "GRBG" or the rows of
+        another tile, if the file states them.
 
     Raises
     ------
     FormatError
-        If it is missing, damaged or of another kind, or holds several frames and ``frame`` is not
-        one of them.
+        If the file is missing, damaged or of another kind, or if ``frame`` is not one of its
+        several frames.
 
     Examples
     --------
@@ -220,35 +225,35 @@ def read_frame(
         tags = sensor_tags(path)
         return values, None if tags is None or values.ndim != 2 else tags.bayer
     if frame is not None:
-        raise FormatError(f"frame= counts the frames of a TIFF, {path} holds one only.")
+        raise FormatError(f"frame= requires a TIFF with several frames; {path} has one frame.")
     with path.open("rb") as file:
         lytro = file.read(8) == LYTRO
-    if lytro or path.suffix.lower() in (*LYTRO_DESCRIBED, ".txt"):
+    if lytro or path.suffix.lower() in (*LYTRO_SUFFIXES, ".txt"):
         return read_container(path, max_bytes=max_bytes)
     if path.suffix.lower() not in picture.SUFFIXES:
         raise FormatError(
-            f"{path} is no raw frame: give a picture ({', '.join(picture.SUFFIXES)}), a Lytro "
-            "container, or a .raw file with its .json beside it."
+            f"{path} is not a raw frame: give a picture ({', '.join(picture.SUFFIXES)}), a Lytro "
+            "container, or a .raw file with a .json file of equal name."
         )
     return read_picture(path, max_bytes=max_bytes), None
 
 
-def read_beside(
+def read_companion(
     source: PathLike, what: str, frame: Frame, path: Path, *, max_bytes: int | None = None
 ) -> tuple[Frame, Bayer | None]:
-    """A picture of the shape of a frame to which it belongs, and its colour filters."""
-    found, bayer = read_frame(source, max_bytes=max_bytes)
-    if found.shape != frame.shape:
+    """Read a picture that must have the shape of a frame, and its colour filters."""
+    companion, bayer = read_frame(source, max_bytes=max_bytes)
+    if companion.shape != frame.shape:
         raise FormatError(
-            f"The {what} {source} has shape {found.shape} and {path} has {frame.shape}: it is of "
-            f"another camera or another crop; give the {what} of this one."
+            f"The {what} {source} must have the shape {frame.shape} of {path}, got "
+            f"{companion.shape}: give the {what} of this camera and crop."
         )
-    return found, bayer
+    return companion, bayer
 
 
 def require_decoding(pixels: int, path: Path, max_bytes: int | None) -> None:
-    """Refuse a frame whose lattice or views would take more memory than is allowed."""
-    what = f"finding the lenslets among {pixels:,} pixels"
+    """Raise FormatError for a frame whose decoding would exceed the allowed memory."""
+    what = f"detecting the lenslets among {pixels:,} pixels"
     require_room(DECODING_BYTES * pixels, path=path, what=what, max_bytes=max_bytes)
 
 
@@ -263,45 +268,43 @@ def read_raw(
     frame: int | None = None,
     force: bool = False,
 ) -> RawImage:
-    """Read a raw lenslet image with the lattice of its lenslets, without decoding it.
+    """Read a raw lenslet image with its lenslet lattice, without decoding it.
 
     Parameters
     ----------
     path : path-like
-        The XML calibration of a Raytrix camera, whose lenses it tells; a file of `write_raw`, with
-        its camera; or a picture, a Lytro container or a raw image with its JSON, with ``white`` or
-        ``grid``.
+        XML calibration of a Raytrix camera; file of `write_raw`; or picture, Lytro container or raw
+        image with JSON, together with ``white`` or ``grid``.
     image : path-like, optional
-        The picture that belongs to an XML; default the one of the same name beside it.
+        Picture that belongs to an XML; default the picture of equal name in its folder.
     device : Device or str, optional
-        Default ``Device.open()``.
+        Compute device; default ``Device.open()``.
     white : path-like, optional
-        White image of the same camera, on which the lenslets are found (`estimate_lattice`). The
+        White image of the same camera, in which the lenslets are detected (`estimate_lattice`). The
         raw image is not divided by it.
     dark : path-like, optional
-        Dark frame, subtracted from the image and from the white one.
+        Dark frame, subtracted from the image and the white image.
     grid : path-like, optional
-        Lenslet lattice: JSON of `Lattice.save`, or a Raytrix XML, which tells its lens types too.
+        Lenslet lattice: JSON of `Lattice.save`, or a Raytrix XML with lens types.
     frame : int, optional
-        Which frame of a TIFF that holds several, as for `read_frame`.
+        Index of the frame in a TIFF with several frames, as for `read_frame`.
     force : bool
-        Whether to go on, with a `SamplingWarning`, where the lattice of the white image is not to
-        be trusted, or the frame shows another one.
+        True to continue with a `SamplingWarning` if the lattice of the white image is unreliable or
+        differs from that of the frame.
 
     Returns
     -------
     RawImage
-        Of float32, with the file's own values and `lattice`; ``sub_images`` and ``cells`` are its
-        lenslets of which a whole sub-image lies on the picture. The pixel pitch is NaN. Of a file
-        of `write_raw`, what was written.
+        Raw image of float32 with the values of the file and its `lattice`. ``sub_images`` and
+        ``cells`` are the lenslets whose whole sub-image is in the picture. The pixel pitch is NaN.
+        A file of `write_raw` is restored as written.
 
     Raises
     ------
     FormatError, ValueError, ShapeError
-        If a file is missing, damaged or of another kind, nothing tells where the lenslets lie, the
-        white image is none or of another camera, or an XML has no lens types; if both white and
-        grid are given, or words that do not apply to an XML or HDF5; if not one lenslet lies on the
-        picture.
+        If a file is missing, damaged or of another kind; if the lenslets are unknown, the white
+        image is unsuitable or an XML has no lens types; if both white and grid are given, or
+        arguments that do not apply to XML or HDF5; if no lenslet is in the picture.
 
     Examples
     --------
@@ -316,14 +319,14 @@ def read_raw(
     """
     path = Path(path)
     types: tuple[LensType, ...] = ()
-    beside = any(one is not None for one in (white, dark, grid))
-    if beside and path.suffix.lower() in (*RAYTRIX_SUFFIXES, *hdf5_files.SUFFIXES):
-        words = f"{argument('white')}, {argument('dark')} and {argument('grid')}"
-        raise ValueError(f"{path} tells the lenses: {words} do not apply.")
+    has_companion = any(source is not None for source in (white, dark, grid))
+    if has_companion and path.suffix.lower() in (*RAYTRIX_SUFFIXES, *hdf5_files.SUFFIXES):
+        names = f"{argument('white')}, {argument('dark')} and {argument('grid')}"
+        raise ValueError(f"{names} do not apply to {path}, a file that describes its lenses.")
     if path.suffix.lower() in hdf5_files.SUFFIXES:
         if image is not None or frame is not None:
-            words = f"{argument('image')} and {argument('frame')}"
-            raise ValueError(f"{path} holds one raw image: {words} do not apply.")
+            names = f"{argument('image')} and {argument('frame')}"
+            raise ValueError(f"{names} do not apply to {path}, a file with one raw image.")
         return read_raw_file(path, device=device)
     if path.suffix.lower() in RAYTRIX_SUFFIXES:
         values, _ = read_frame(picture_of(path) if image is None else image, frame=frame)
@@ -331,12 +334,12 @@ def read_raw(
         lattice, types = _calibrated(path, _shape(values))
     else:
         if image is not None:
-            word = argument("image")
-            raise ValueError(f"{word} belongs to an XML, {path} is an image itself.")
+            name = argument("image")
+            raise ValueError(f"{name} requires an XML calibration; {path} is an image itself.")
         values, _ = read_frame(path, frame=frame)
         black = None
         if dark is not None:
-            black = read_beside(dark, "dark frame", values, path)[0].astype(np.float32)
+            black = read_companion(dark, "dark frame", values, path)[0].astype(np.float32)
         tags = sensor_tags(path) if values.ndim == 2 else None
         lattice = _lattice(path, values, white, black, grid, force)
         if grid is not None and Path(grid).suffix.lower() in RAYTRIX_SUFFIXES:
@@ -361,7 +364,7 @@ def read_raw(
 def _without_dark(
     values: Frame, dark: Frame | None, tags: SensorTags | None
 ) -> tuple[Frame, Levels | None, tuple[tuple[str, ...], ...] | None]:
-    """A frame less its dark one, or less black levels that differ; its levels and mosaic."""
+    """Subtract the dark frame or varying black levels; return the frame, levels and mosaic."""
     if tags is None:
         return values if dark is None else values.astype(np.float32) - dark, None, None
     levels = tags.levels(values.dtype)
@@ -372,30 +375,30 @@ def _without_dark(
 
 
 def read_lattice(path: PathLike, shape: tuple[int, int]) -> Lattice:
-    """Read the lattice of the lenslets of a picture, from JSON or from a Raytrix XML.
+    """Read the lenslet lattice of a picture, from JSON or from a Raytrix XML.
 
     Parameters
     ----------
     path : path-like
-        JSON of `Lattice.save`, or the ``.xml`` of a Raytrix camera.
+        JSON file of `Lattice.save`, or ``.xml`` file of a Raytrix camera.
     shape : tuple of int
-        (ny, nx) of the picture.
+        Shape (ny, nx) of the picture.
 
     Returns
     -------
     Lattice
-        In pixels, with ``shape`` as given.
+        Lattice in pixels, with the given ``shape``.
 
     Raises
     ------
     FormatError
-        If the file is damaged, of another kind, or tells another shape.
+        If the file is damaged, of another kind, or has another shape.
 
     Examples
     --------
-    >>> found = clplen.lightfield.Lattice(
+    >>> square = clplen.lightfield.Lattice(
     ...     "square", origin=(7.0, 7.0), row=(15.0, 0.0), column=(0.0, 15.0))
-    >>> found.save("lattice.json")
+    >>> square.save("lattice.json")
     >>> lattice = clplen.io.read_lattice("lattice.json", (120, 150))
     >>> lattice.kind, lattice.pitch, lattice.shape
     ('square', (15.0, 15.0), (120, 150))
@@ -403,32 +406,32 @@ def read_lattice(path: PathLike, shape: tuple[int, int]) -> Lattice:
     path = Path(path)
     if path.suffix.lower() in RAYTRIX_SUFFIXES:
         calibration = read_raytrix(path)
-        with _refusing(path):
+        with _format_errors(path):
             return calibration.lattice(shape)
     lattice = Lattice.load(path)
     if lattice.shape not in (None, shape):
         raise FormatError(
-            f"{path} is the lattice of a picture of shape {lattice.shape}, not of {shape}: it "
+            f"{path} must be the lattice of a picture of shape {shape}, got {lattice.shape}: it "
             "belongs to another camera."
         )
     return replace(lattice, shape=shape)
 
 
 def _calibrated(path: Path, shape: tuple[int, int]) -> tuple[Lattice, tuple[LensType, ...]]:
-    """The lenses of a Raytrix XML and their kinds."""
+    """Return the lattice and the lens types of a Raytrix XML."""
     calibration = read_raytrix(path)
     if not calibration.lens_types:
         raise FormatError(
-            f"{path} has no <lens_type>, which tells the depths at which a kind of lens is sharp: "
-            "add one for each kind, one in all if the lenses are alike."
+            f"{path} has no <lens_type> with the depth range of a kind of lens: add an element for "
+            "each kind, or one element if all lenses are alike."
         )
-    with _refusing(path):
+    with _format_errors(path):
         return calibration.lattice(shape), calibration.types()
 
 
 @contextmanager
-def _refusing(path: Path) -> Iterator[None]:
-    """A value in a file that makes no lattice, as what is wrong with the file."""
+def _format_errors(path: Path) -> Iterator[None]:
+    """Turn the ValueError of an invalid lattice into a FormatError of the file."""
     try:
         yield
     except ValueError as error:
@@ -436,14 +439,14 @@ def _refusing(path: Path) -> Iterator[None]:
 
 
 def picture_of(path: Path) -> Path:
-    """The picture of the same name beside a Raytrix XML."""
+    """Return the picture of equal name in the folder of a Raytrix XML."""
     for suffix in picture.SUFFIXES:
         for name in (path.with_suffix(suffix), path.with_suffix(suffix.upper())):
             if name.is_file():
                 return name
     raise FormatError(
-        f"There is no picture {path.stem} beside {path} ({', '.join(picture.SUFFIXES)}): "
-        f"give {argument('image')}."
+        f"The folder of {path} has no picture {path.stem} ({', '.join(picture.SUFFIXES)}): give "
+        f"{argument('image')}."
     )
 
 
@@ -457,23 +460,23 @@ def _lattice(
 ) -> Lattice:
     if white is not None and grid is not None:
         raise ValueError(
-            f"Give {argument('white')}, to find the lenslets, or {argument('grid')}, where they "
-            "are; not both."
+            f"Give either {argument('white')}, to detect the lenslets, or {argument('grid')}, "
+            "their lattice, but not both."
         )
     if grid is not None:
         return read_lattice(grid, _shape(frame))
     if white is None:
         raise FormatError(
-            f"Nothing tells where the lenslets of {path} lie: give {argument('white')}, a white "
-            f"image of the same camera, or {argument('grid')}, a lattice saved before."
+            f"The lenslets of {path} are unknown: give {argument('white')}, a white image of the "
+            f"same camera, or {argument('grid')}, a saved lattice."
         )
     require_decoding(frame.size, path, None)
-    flat, bayer = read_beside(white, "white image", frame, path)
+    flat, bayer = read_companion(white, "white image", frame, path)
     flat = flat.astype(np.float32)
     black = None if dark is None else _grey(dark)
     return lattice_of_white(
         _grey(flat), white, frame=_grey(frame), path=path, dark=black, bayer=bayer, force=force,
-        error=FormatError, estimate=kept_lattice,
+        error=FormatError, estimate=cached_lattice,
     )  # fmt: skip
 
 

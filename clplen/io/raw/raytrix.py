@@ -1,7 +1,7 @@
-"""The XML in which Raytrix cameras keep their calibration, and where it tells that the lenses lie.
+"""XML calibration of Raytrix cameras, and the lens lattice that it describes.
 
-The calibration counts y upwards, the offset in pixels from the centre of the image, ((h - 1)/2,
-(w - 1)/2), and base vectors in lens diameters; the rotation turns them counter-clockwise
+In the calibration y points upwards. The offset is in pixels from the centre of the image,
+((h - 1)/2, (w - 1)/2), base vectors are in lens diameters and the rotation is counter-clockwise
 (Palmieri, PlenopticToolbox2.0: plenopticIO/imgIO.py, lens_grid.py).
 """
 
@@ -28,26 +28,26 @@ from clplen.lightfield.raw.lenslet_lattice import Lattice
 Vector = tuple[float, float]
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
-_LARGEST = 10000  # pixels a lens, and lens diameters
-_NEAR = 0.05  # lens diameters: how far a lens of a type may lie from the lattice
-_SQUARE = 0.1  # cosine up to which base vectors are at right angles
-_HEXAGON = 0.06  # relative differences among neighbours of a hexagonal lattice
-_LONGEST = 1 << 20  # bytes
+_MAX_SIZE = 10000  # of a lens in pixels, of a base vector in lens diameters
+_MAX_DEVIATION = 0.05  # lens diameters between a lens of a type and the lattice
+_MAX_SQUARE_COSINE = 0.1  # of the angle between base vectors of a square lattice
+_MAX_HEXAGON_SPREAD = 0.06  # relative difference of neighbour distances in a hexagonal lattice
+_MAX_FILE_BYTES = 1 << 20
 _RANGE = ("min", "max")
 
 
 @dataclass(frozen=True)
 class Distortion:
-    """What the file says of the main lens' distortion; kept, not applied.
+    """Distortion of the main lens as stored in the file; it is not applied.
 
     Attributes
     ----------
     kind, function : str
-        Such as "radial" and "Brown".
+        Type and model, such as "radial" and "Brown".
     parameters : tuple of float
-        The numbers of that function, in the order of the file.
+        Parameters of the function, in file order.
     offset : tuple of float
-        (x, y) in pixels.
+        Centre (x, y) in pixels.
 
     Examples
     --------
@@ -71,14 +71,14 @@ class Distortion:
 
 @dataclass(frozen=True)
 class FocusType:
-    """One of the kinds of lenses of a multi-focus array, as in the file.
+    """Lens type of a multi-focus array, as stored in the file.
 
     Attributes
     ----------
     offset : tuple of float
-        (x, y) of one of its lenses, in lens diameters, y upwards.
+        Centre (x, y) of a lens of this type, in lens diameters, y upwards.
     depth_range : tuple of float
-        (least, greatest) virtual depth.
+        Smallest and largest virtual depth.
 
     Examples
     --------
@@ -99,28 +99,28 @@ class FocusType:
 
 @dataclass(frozen=True)
 class RaytrixCalibration:
-    """A calibration as in the file: x before y, and y upwards.
+    """Calibration of a Raytrix camera as stored in the file: x before y, y upwards.
 
     Attributes
     ----------
     offset : tuple of float
-        (x, y) of a lens' centre, in pixels from the centre of the image.
+        Centre (x, y) of a lens, in pixels from the centre of the image.
     diameter : float
         Lens pitch in pixels.
     lens_base_x, lens_base_y : tuple of float
         Base vectors of the lattice, in lens diameters.
     rotation : float
-        Of the base vectors, counter-clockwise, in radians.
+        Counter-clockwise rotation of the base vectors in radians.
     lens_border : float
-        Pixels at the rim of a lens that are not used.
+        Unused rim of a lens in pixels.
     tcp : float or None
         Virtual depth of the total covering plane.
     sub_grid_base : tuple of float or None
-        (width, height) in lens diameters of the rectangle that repeats the types of the lenses.
+        Size (width, height) of the unit cell of the lens types, in lens diameters.
     distortion : Distortion or None
-        Of the main lens; None where the file has none.
+        Distortion of the main lens, or None if the file has none.
     lens_types : tuple of FocusType
-        By their id.
+        Lens types in the order of their ids.
 
     Examples
     --------
@@ -147,36 +147,35 @@ class RaytrixCalibration:
 
     def __post_init__(self) -> None:
         names = ("offset", "rotation", "lens_border", "tcp", "sub_grid_base")
-        found = {name: getattr(self, name) for name in names}
-        check_finite(**{name: value for name, value in found.items() if value is not None})
-        if not 1 <= self.diameter <= _LARGEST:
-            raise ValueError(
-                f"The diameter of a lens is 1 to {_LARGEST} pixels, not {self.diameter}."
-            )
+        values = {name: getattr(self, name) for name in names}
+        check_finite(**{name: value for name, value in values.items() if value is not None})
+        if not 1 <= self.diameter <= _MAX_SIZE:
+            raise ValueError(f"diameter must be 1 to {_MAX_SIZE} pixels, got {self.diameter}.")
         (ax, ay), (bx, by) = self.lens_base_x, self.lens_base_y
-        if not max(map(abs, (ax, ay, bx, by))) <= _LARGEST or not abs(ax * by - ay * bx) > 1e-3:
+        if not max(map(abs, (ax, ay, bx, by))) <= _MAX_SIZE or not abs(ax * by - ay * bx) > 1e-3:
             raise ValueError(
-                f"The base vectors {self.lens_base_x} and {self.lens_base_y} span no lattice."
+                f"lens_base_x and lens_base_y must span a lattice, got {self.lens_base_x} and "
+                f"{self.lens_base_y}."
             )
 
     def origin(self, shape: tuple[int, int]) -> Vector:
-        """(y, x) in pixels, y downwards, of a lens' centre in an image of a shape (ny, nx)."""
+        """Return the centre (y, x) of a lens in pixels, y downwards, in an image (ny, nx)."""
         check_finite(shape=shape)
         return (shape[0] - 1) / 2 - self.offset[1], (shape[1] - 1) / 2 + self.offset[0]
 
     def on_sensor(self, vector: Vector) -> Vector:
-        """(y, x) in pixels, y downwards, of (x, y) in lens diameters, rotation included."""
+        """Convert (x, y) in lens diameters to (y, x) in pixels, y downwards, with rotation."""
         c, s = math.cos(self.rotation), math.sin(self.rotation)
         x, y = vector
         return -self.diameter * (s * x + c * y), self.diameter * (c * x - s * y)
 
     def lattice(self, shape: tuple[int, int]) -> Lattice:
-        """All lenses of an image of a shape (ny, nx).
+        """Return the lattice of all lenses of an image of shape (ny, nx).
 
         Raises
         ------
         ValueError
-            If they lie neither on a square nor on a hexagonal lattice.
+            If the lattice is neither square nor hexagonal.
         """
         kind, row, column = lattice_vectors(
             self.on_sensor(self.lens_base_x), self.on_sensor(self.lens_base_y)
@@ -185,15 +184,15 @@ class RaytrixCalibration:
         return Lattice(kind, self.origin(shape), row, column, shape, verdict=verdict)
 
     def types(self) -> tuple[LensType, ...]:
-        """The kinds of lenses on the sensor.
+        """Return the lens types on the sensor.
 
-        Lenses of one kind lie on a lattice of their own: that of the rectangle ``sub_grid_base``,
-        with a second lens in its middle where it holds two of each kind.
+        Lenses of a type form a lattice whose unit cell is the rectangle ``sub_grid_base``, with a
+        second lens in its centre if the rectangle contains two lenses of each type.
 
         Raises
         ------
         ValueError
-            If the rectangle does not hold one or two lenses of each kind.
+            If the rectangle does not contain one or two lenses of each type.
         """
         if len(self.lens_types) < 2 or self.sub_grid_base is None:
             base: tuple[Vector, ...] = (self.lens_base_y, self.lens_base_x)
@@ -205,36 +204,39 @@ class RaytrixCalibration:
         )
 
     def _sub_lattice(self, rectangle: Vector) -> tuple[Vector, Vector]:
-        """Two vectors between lenses of one kind."""
+        """Return two vectors between lenses of a type."""
         width, height = (abs(side) for side in rectangle)
         (ax, ay), (bx, by) = self.lens_base_x, self.lens_base_y
-        each = width * height / abs(ax * by - ay * bx) / len(self.lens_types)
+        lenses_per_type = width * height / abs(ax * by - ay * bx) / len(self.lens_types)
         for count, row in ((1, (0.0, height)), (2, (width / 2, height / 2))):
-            if abs(each - count) < _NEAR and self._is_lens(row) and self._is_lens((width, 0)):
+            if (
+                abs(lenses_per_type - count) < _MAX_DEVIATION
+                and self._is_lens(row)
+                and self._is_lens((width, 0))
+            ):
                 return row, (width, 0.0)
         raise ValueError(
-            f"The rectangle of {width:g} x {height:g} lenses, after which the kinds of lenses are "
-            f"said to repeat, holds {each:.2f} of each of {len(self.lens_types)} kinds, not one "
-            "or two on the lattice."
+            f"sub_grid_base of {width:g} x {height:g} lenses must contain one or two lenses of "
+            f"each of {len(self.lens_types)} types, got {lenses_per_type:.2f}."
         )
 
-    def _is_lens(self, place: Vector) -> bool:
+    def _is_lens(self, position: Vector) -> bool:
         base = np.array([self.lens_base_x, self.lens_base_y]).T
-        found = np.linalg.solve(base, np.array(place))
-        return bool(np.all(np.abs(found - np.round(found)) < _NEAR))
+        coordinates = np.linalg.solve(base, np.array(position))
+        return bool(np.all(np.abs(coordinates - np.round(coordinates)) < _MAX_DEVIATION))
 
 
 def lattice_vectors(first: Vector, second: Vector) -> tuple[str, Vector, Vector]:
     """Return kind, row and column of `Lattice` for any two base vectors (y, x)."""
     a, b = short = reduced_basis(np.array([first, second]))
     cosine = float(a @ b / math.sqrt(a @ a * (b @ b)))
-    kind = "square" if abs(cosine) < _SQUARE else "hexagonal"
+    kind = "square" if abs(cosine) < _MAX_SQUARE_COSINE else "hexagonal"
     lengths = [math.hypot(*vector) for vector in (a, b, b - a if cosine > 0 else a + b)]
-    if kind == "hexagonal" and max(lengths) > (1 + _HEXAGON) * min(lengths):
+    if kind == "hexagonal" and max(lengths) > (1 + _MAX_HEXAGON_SPREAD) * min(lengths):
         angle = math.degrees(math.acos(abs(cosine)))
         raise ValueError(
-            f"The base vectors enclose {angle:.1f} degrees with lengths of {lengths[0]:.4g} and "
-            f"{lengths[1]:.4g} px: the lattice is neither square nor hexagonal."
+            f"The lattice must be square or hexagonal, got base vectors of {lengths[0]:.4g} and "
+            f"{lengths[1]:.4g} px at {angle:.1f} degrees."
         )
     row, column = lattice_steps(short, kind)
     return kind, _vector(row), _vector(column)
@@ -250,17 +252,17 @@ def read_raytrix(path: PathLike) -> RaytrixCalibration:
     Parameters
     ----------
     path : path-like
-        ``.xml``, of version 1, in UTF-8 or UTF-16.
+        ``.xml`` file of version 1, in UTF-8 or UTF-16.
 
     Returns
     -------
     RaytrixCalibration
-        The numbers of the file, in its own units and directions.
+        Calibration in the units and directions of the file.
 
     Raises
     ------
     FormatError
-        If it is missing, no such XML, or lacks a number.
+        If the file is missing, another kind of XML, or incomplete.
 
     Examples
     --------
@@ -268,8 +270,8 @@ def read_raytrix(path: PathLike) -> RaytrixCalibration:
     ...     offset=(0.5, -1.25), diameter=23.0,
     ...     lens_base_x=(1.0, 0.0), lens_base_y=(0.5, 0.8660254))
     >>> clplen.io.write_raytrix("camera.xml", calibration)
-    >>> found = clplen.io.read_raytrix("camera.xml")
-    >>> found == calibration, found.diameter, found.lattice((120, 150)).kind
+    >>> stored = clplen.io.read_raytrix("camera.xml")
+    >>> stored == calibration, stored.diameter, stored.lattice((120, 150)).kind
     (True, 23.0, 'hexagonal')
     """
     path = Path(path)
@@ -278,11 +280,11 @@ def read_raytrix(path: PathLike) -> RaytrixCalibration:
     if not path.is_file():
         raise FormatError(f"There is no file {path}.")
     root = _root(path)
-    focus = [_focus_type(_Element(path, element)) for element in root.all("lens_type")]
+    focus = [_focus_type(_Element(path, element)) for element in root.children("lens_type")]
     if sorted(number for number, _ in focus) != list(range(len(focus))):
         raise FormatError(
-            f"{path}: the lens types have the ids {[number for number, _ in focus][:9]}, not 0, "
-            "1, ... each once."
+            f"{path}: the ids of the lens types must be 0, 1, ..., each once, got "
+            f"{[number for number, _ in focus][:9]}."
         )
     try:
         return RaytrixCalibration(
@@ -294,8 +296,8 @@ def read_raytrix(path: PathLike) -> RaytrixCalibration:
             lens_border=root.number("lens_border", "pix") if root.has("lens_border") else 0.0,
             tcp=root.number("tcp", "virtual_depth") if root.has("tcp") else None,
             sub_grid_base=root.pair("sub_grid_base", "lens") if root.has("sub_grid_base") else None,
-            distortion=_distortion(root.one("distortion")) if root.has("distortion") else None,
-            lens_types=tuple(found for _, found in sorted(focus, key=lambda pair: pair[0])),
+            distortion=_distortion(root.child("distortion")) if root.has("distortion") else None,
+            lens_types=tuple(lens_type for _, lens_type in sorted(focus, key=lambda pair: pair[0])),
         )
     except ValueError as error:
         raise FormatError(f"{path}: {error}") from error
@@ -303,14 +305,14 @@ def read_raytrix(path: PathLike) -> RaytrixCalibration:
 
 def _proprietary(path: Path) -> str:
     return (
-        f"{path} is in the maker's own closed format: let the camera's software save the "
-        "processed image as .png or .tif and the calibration as .xml, and give the .xml."
+        f"{path} has the maker's proprietary format: with the software of the camera, save the "
+        "processed image as .png or .tif and the calibration as .xml, then give the .xml."
     )
 
 
 @dataclass(frozen=True)
 class _Element:
-    """An element of the XML, whose numbers are asked for by name."""
+    """Element of the XML with access to its numbers by name."""
 
     path: Path
     element: ET.Element
@@ -318,26 +320,27 @@ class _Element:
     def has(self, name: str) -> bool:
         return self.element.find(name) is not None
 
-    def all(self, name: str) -> list[ET.Element]:
+    def children(self, name: str) -> list[ET.Element]:
         return self.element.findall(name)
 
-    def one(self, name: str) -> _Element:
-        found = self.all(name)
-        if len(found) != 1:
+    def child(self, name: str) -> _Element:
+        children = self.children(name)
+        if len(children) != 1:
             raise FormatError(
-                f"{self.path}: <{self.element.tag}> has {len(found)} elements <{name}>, not one."
+                f"{self.path}: <{self.element.tag}> must have one element <{name}>, got "
+                f"{len(children)}."
             )
-        return _Element(self.path, found[0])
+        return _Element(self.path, children[0])
 
     def number(self, name: str, units: str | None = None) -> float:
-        found = self.one(name)
-        found.require_units(units)
-        return found.value(found.element.text or "")
+        child = self.child(name)
+        child.require_units(units)
+        return child.value(child.element.text or "")
 
     def pair(self, name: str, units: str | None, parts: tuple[str, str] = ("x", "y")) -> Vector:
-        found = self.one(name)
-        found.require_units(units)
-        return found.number(parts[0]), found.number(parts[1])
+        child = self.child(name)
+        child.require_units(units)
+        return child.number(parts[0]), child.number(parts[1])
 
     def value(self, text: str) -> float:
         try:
@@ -346,58 +349,62 @@ class _Element:
             value = math.nan
         if not fits_float64(value):
             raise FormatError(
-                f"{self.path}: <{self.element.tag}> holds {text[:40]!r}, not a finite number."
+                f"{self.path}: <{self.element.tag}> must be a finite number, got {text[:40]!r}."
             )
         return value
 
     def require_units(self, units: str | None) -> None:
-        found = self.element.get("units", units)
-        if found != units:
+        unit = self.element.get("units", units)
+        if unit != units:
             raise FormatError(
-                f"{self.path}: <{self.element.tag}> is in {str(found)[:40]!r}, expected {units!r}."
+                f"{self.path}: <{self.element.tag}> must be in {units!r}, got {str(unit)[:40]!r}."
             )
 
 
 def _root(path: Path) -> _Element:
     with path.open("rb") as file:
-        data = file.read(_LONGEST + 1)
-    if len(data) > _LONGEST:
-        raise FormatError(f"{path} is longer than {_LONGEST:,} bytes: it is no calibration.")
+        data = file.read(_MAX_FILE_BYTES + 1)
+    if len(data) > _MAX_FILE_BYTES:
+        raise FormatError(
+            f"{path} is not a calibration: it is longer than {_MAX_FILE_BYTES:,} bytes."
+        )
     try:
         text = data.decode("utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
     except UnicodeDecodeError as error:
-        raise FormatError(f"{path} is no XML: it is neither UTF-8 nor UTF-16.") from error
+        raise FormatError(f"{path} is not XML: it is neither UTF-8 nor UTF-16.") from error
     if re.search(r"<!(?!--)", text):
         raise FormatError(
-            f"{path} declares a document type or entities, which a calibration does not need and "
-            "which could claim any amount of memory: remove them."
+            f"{path} declares a document type or entities, which could expand without limit: "
+            "remove them."
         )
     try:
         root = ET.fromstring(text)
     except (ET.ParseError, ValueError) as error:
-        raise FormatError(f"{path} is no XML ({error}).") from error
+        raise FormatError(f"{path} is not valid XML ({error}).") from error
     if root.tag != "RayCalibData":
-        raise FormatError(f"{path} holds <{root.tag[:40]}>, not <RayCalibData>.")
+        raise FormatError(f"{path} must have the root <RayCalibData>, got <{root.tag[:40]}>.")
     version = root.get("version", "1.0")
     if version.split(".")[0] != "1":
-        raise FormatError(f"{path} is a calibration of version {version[:20]!r}, not 1.0.")
+        raise FormatError(f"{path} must be a calibration of version 1.0, got {version[:20]!r}.")
     return _Element(path, root)
 
 
-def _focus_type(found: _Element) -> tuple[int, FocusType]:
-    number = found.element.get("id", "")
+def _focus_type(element: _Element) -> tuple[int, FocusType]:
+    number = element.element.get("id", "")
     if not re.fullmatch(r"\d{1,4}", number):
-        raise FormatError(f"{found.path}: a <lens_type> has the id {number[:40]!r}, no number.")
-    offset = found.pair("offset", "lens")
-    return int(number), FocusType(offset, found.pair("depth_range", "virtual_depth", _RANGE))
+        raise FormatError(
+            f"{element.path}: the id of a <lens_type> must be a number, got {number[:40]!r}."
+        )
+    offset = element.pair("offset", "lens")
+    return int(number), FocusType(offset, element.pair("depth_range", "virtual_depth", _RANGE))
 
 
-def _distortion(found: _Element) -> Distortion:
-    function = found.one("function").element.text or ""
-    text = found.one("parameter").element.text or ""
-    values = tuple(found.value(part) for part in text.split(";") if part.strip())
-    offset = found.pair("offset", "pix") if found.has("offset") else (0.0, 0.0)
-    return Distortion(found.element.get("type", ""), function.strip(), values, offset)
+def _distortion(element: _Element) -> Distortion:
+    function = element.child("function").element.text or ""
+    text = element.child("parameter").element.text or ""
+    values = tuple(element.value(part) for part in text.split(";") if part.strip())
+    offset = element.pair("offset", "pix") if element.has("offset") else (0.0, 0.0)
+    return Distortion(element.element.get("type", ""), function.strip(), values, offset)
 
 
 def write_raytrix(path: PathLike, calibration: RaytrixCalibration) -> None:
@@ -406,14 +413,14 @@ def write_raytrix(path: PathLike, calibration: RaytrixCalibration) -> None:
     Parameters
     ----------
     path : path-like
-        ``.xml``.
+        ``.xml`` file.
     calibration : RaytrixCalibration
-        The numbers of the file; what is None is left out.
+        Calibration to write; attributes that are None are left out.
 
     Raises
     ------
     ValueError, OSError
-        If the suffix is another one; if it cannot be written.
+        If the suffix is not ``.xml``; if the file cannot be written.
 
     Examples
     --------
@@ -430,23 +437,22 @@ def write_raytrix(path: PathLike, calibration: RaytrixCalibration) -> None:
     ...
     """
     if Path(path).suffix.lower() != ".xml":
-        raise ValueError(f"A Raytrix calibration is written as .xml, not as {path}.")
-    given = calibration
+        raise ValueError(f"path must end in .xml for a Raytrix calibration, got {path}.")
     lines = [
-        _pair("offset", "pix", given.offset),
-        _number("diameter", "pix", given.diameter),
-        _number("rotation", "rad", given.rotation),
-        _number("lens_border", "pix", given.lens_border),
-        *([] if given.tcp is None else [_number("tcp", "virtual_depth", given.tcp)]),
-        _pair("lens_base_x", "lens", given.lens_base_x),
-        _pair("lens_base_y", "lens", given.lens_base_y),
+        _pair("offset", "pix", calibration.offset),
+        _number("diameter", "pix", calibration.diameter),
+        _number("rotation", "rad", calibration.rotation),
+        _number("lens_border", "pix", calibration.lens_border),
+        *([] if calibration.tcp is None else [_number("tcp", "virtual_depth", calibration.tcp)]),
+        _pair("lens_base_x", "lens", calibration.lens_base_x),
+        _pair("lens_base_y", "lens", calibration.lens_base_y),
         *(
             []
-            if given.sub_grid_base is None
-            else [_pair("sub_grid_base", "lens", given.sub_grid_base)]
+            if calibration.sub_grid_base is None
+            else [_pair("sub_grid_base", "lens", calibration.sub_grid_base)]
         ),
-        *([] if given.distortion is None else [_distortion_text(given.distortion)]),
-        *(_type_text(number, found) for number, found in enumerate(given.lens_types)),
+        *([] if calibration.distortion is None else [_distortion_text(calibration.distortion)]),
+        *(_type_text(number, lens_type) for number, lens_type in enumerate(calibration.lens_types)),
     ]
     body = "".join(f"  {line}\n" for line in lines)
     with replacing(path) as temporary:
@@ -466,16 +472,17 @@ def _pair(name: str, units: str, values: Vector, parts: tuple[str, str] = ("x", 
     return f'<{name} units="{units}">{inner}</{name}>'
 
 
-def _type_text(number: int, found: FocusType) -> str:
-    inner = _pair("offset", "lens", found.offset)
-    inner += _pair("depth_range", "virtual_depth", found.depth_range, _RANGE)
+def _type_text(number: int, lens_type: FocusType) -> str:
+    inner = _pair("offset", "lens", lens_type.offset)
+    inner += _pair("depth_range", "virtual_depth", lens_type.depth_range, _RANGE)
     return f'<lens_type id="{number}">{inner}</lens_type>'
 
 
-def _distortion_text(found: Distortion) -> str:
-    values = ";".join(repr(float(value)) for value in found.parameters)
+def _distortion_text(distortion: Distortion) -> str:
+    values = ";".join(repr(float(value)) for value in distortion.parameters)
     return (
-        f"<distortion type={quoteattr(found.kind)}><function>{escape(found.function)}</function>"
-        f'<parameter count="{len(found.parameters)}">{values}</parameter>'
-        f"{_pair('offset', 'pix', found.offset)}</distortion>"
+        f"<distortion type={quoteattr(distortion.kind)}>"
+        f"<function>{escape(distortion.function)}</function>"
+        f'<parameter count="{len(distortion.parameters)}">{values}</parameter>'
+        f"{_pair('offset', 'pix', distortion.offset)}</distortion>"
     )

@@ -1,5 +1,5 @@
-"""What is computed from light fields: stacks, depth, truth, volumes and pictures, in files.
+"""Files of results: focal stacks, depth, ground truth, volumes and pictures.
 
-Results come in and files leave, and the other way round; may import every other room of
+Functions write results to files and read them back. Modules may import every other room of
 `clplen.io`.
 """

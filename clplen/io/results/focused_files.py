@@ -1,4 +1,4 @@
-"""Pictures, stacks and depth of focused cameras as files that other programs read."""
+"""Pictures, stacks and depth of focused cameras in files for other programs."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import numpy as np
 
 from clplen.errors import FormatError
 from clplen.files import PathLike
-from clplen.hdf5_safety import require_own
+from clplen.hdf5_safety import require_internal
 from clplen.io.formats import npy, pfm, tiff
 from clplen.io.formats.npy import write_npy
 from clplen.io.formats.pfm import write_pfm
 from clplen.io.formats.picture import write_picture
 from clplen.io.results.stack_files import numbers, planes_of
 from clplen.io.store import hdf5_files
-from clplen.io.store.hdf5_files import created
+from clplen.io.store.hdf5_files import create_hdf5
 from clplen.io.store.picture_blocks import as_block
 from clplen.io.store.picture_series import describe_series, is_ome, write_series
 from clplen.lightfield.focused.focused_depth import FocusedDepth, FocusedMaps
@@ -50,32 +50,32 @@ _LENSLETS = {
 
 def write_focused(
     path: PathLike,
-    made: FocusedImage | FocusedStack,
+    image: FocusedImage | FocusedStack,
     *,
     durable: bool = False,
     replace: bool = False,
 ) -> None:
-    """Write a rendered picture or focal stack of a focused camera, linear float32.
+    """Write a rendered picture or focal stack of a focused camera as linear float32.
 
-    The OME description is JSON: of a picture ``m``, of a stack ``ms``, ``alphas`` and ``dz_m`` of
-    the planes (null where unknown), of both the patch in pixels and where samples lie on the
-    sensor. The size of a pixel is that on the main lens' image plane of ``m``; a stack, which has
-    several, tells none.
+    The OME description is JSON. A picture has ``m``; a stack has ``ms``, ``alphas`` and ``dz_m`` of
+    the planes (null where unknown). Both have the patch in pixels and the sample positions on the
+    sensor. The pixel size of a picture refers to the main lens' image plane of ``m``; a stack has
+    none.
 
     Parameters
     ----------
     path : path-like
-        ``.tif``, OME-TIFF, or ``.zarr``, OME-Zarr; axes YX or ZYX, and S for colours.
-    made : FocusedImage or FocusedStack
-        A picture of `render_focused`, or a stack of `focused_stack`.
+        ``.tif`` for OME-TIFF or ``.zarr`` for OME-Zarr; axes YX or ZYX, with S for colours.
+    image : FocusedImage or FocusedStack
+        Picture of `render_focused`, or stack of `focused_stack`.
     durable, replace : bool
-        As in `clplen.io.write_stack`.
+        Options as in `clplen.io.write_stack`.
 
     Raises
     ------
     ValueError, FormatError, OSError
-        If the suffix is another one; if it is ``.zarr`` and the package zarr is not installed; if
-        it cannot be written.
+        If the suffix is unknown; if ``.zarr`` is given without the package zarr; if the file
+        cannot be written.
 
     Examples
     --------
@@ -88,43 +88,43 @@ def write_focused(
     >>> clplen.io.read_image("picture.tif").shape == picture.shape
     True
     """
-    is_stack = isinstance(made, FocusedStack)
-    shape = made.shape if is_stack else (1, *made.shape)
+    is_stack = isinstance(image, FocusedStack)
+    shape = image.shape if is_stack else (1, *image.shape)
     axes = ("ZYX" if is_stack else "YX") + ("S" if len(shape) == 4 else "")
     write_series(
         path,
-        planes_of(made) if isinstance(made, FocusedStack) else as_block(made.to_numpy()[None]),
+        planes_of(image) if isinstance(image, FocusedStack) else as_block(image.to_numpy()[None]),
         "Pictures of a focused camera are",
         shape=shape,
         axes=axes,
-        description=_said_of(made) | _said_of_grid(made.grid),
-        spacing=None if isinstance(made, FocusedStack) else _spacing(made.pitch),
+        description=_description(image) | _grid_description(image.grid),
+        spacing=None if isinstance(image, FocusedStack) else _spacing(image.pitch),
         durable=durable,
         replace=replace,
     )
 
 
-def _said_of(made: FocusedImage | FocusedStack) -> dict[str, Any]:
-    """What is said about the planes."""
-    said: dict[str, Any] = {"lenslet_pitch_px": made.geometry.pitch, "magnification": _M}
-    if isinstance(made, FocusedStack):
-        patches = [made.geometry.patch(float(m)) for m in made.ms]
-        said |= {"ms": numbers(made.ms), "patches_px": patches}
-        return said | {
-            "alphas": numbers(made.alphas),
+def _description(image: FocusedImage | FocusedStack) -> dict[str, Any]:
+    """Return the description of the planes."""
+    description: dict[str, Any] = {"lenslet_pitch_px": image.geometry.pitch, "magnification": _M}
+    if isinstance(image, FocusedStack):
+        patches = [image.geometry.patch(float(m)) for m in image.ms]
+        description |= {"ms": numbers(image.ms), "patches_px": patches}
+        return description | {
+            "alphas": numbers(image.alphas),
             "alpha": _ALPHA,
-            "dz_m": numbers(made.zs),
+            "dz_m": numbers(image.zs),
             "dz": _DZ,
         }
-    return said | {"m": made.m, "patch_px": abs(made.ratio) * made.geometry.pitch}
+    return description | {"m": image.m, "patch_px": abs(image.ratio) * image.geometry.pitch}
 
 
-def _said_of_grid(grid: PictureGrid) -> dict[str, Any]:
+def _grid_description(grid: PictureGrid) -> dict[str, Any]:
     return {"first_px": list(grid.first), "step_px": grid.step, "grid": _GRID}
 
 
 def _spacing(pitch: float) -> Spacing | None:
-    """Signed (dv, du, dy, dx), of which a picture has the last two."""
+    """Return the signed spacing (dv, du, dy, dx) of a picture; the view steps are NaN."""
     return (math.nan, math.nan, pitch, pitch) if math.isfinite(pitch) else None
 
 
@@ -136,27 +136,27 @@ def write_focused_depth(
     durable: bool = False,
     replace: bool = False,
 ) -> None:
-    """Write the depth that a focused camera tells.
+    """Write the depth estimated from a focused camera.
 
     Parameters
     ----------
     path : path-like
         ``.h5``: group ``lenslets`` with centre, m, virtual_depth, z, confidence, uncertainty and
         type of every sub-image, and group ``picture`` with the maps m, virtual_depth, z and
-        confidence; ``.ome.tif`` or ``.zarr``: these maps as channels, OME-TIFF or OME-Zarr;
-        ``.pfm``, ``.npy`` or ``.tif``: the map of m alone, float32. z only where it is known.
+        confidence. ``.ome.tif`` or ``.zarr``: these maps as channels. ``.pfm``, ``.npy`` or
+        ``.tif``: the map of m alone, float32. z is written only if known.
     depth : FocusedDepth
-        Of every sub-image, as `focused_depth` finds it.
+        Depth of every sub-image, from `focused_depth`.
     maps : FocusedMaps
-        Of the same depth, on a picture, by `focused_maps`.
+        Maps of this depth on a picture, from `focused_maps`.
     durable, replace : bool
-        As in `clplen.io.write_stack`.
+        Options as in `clplen.io.write_stack`.
 
     Raises
     ------
     ValueError, FormatError, OSError
-        If the suffix is another one; if it is ``.zarr`` and the package zarr is not installed; if
-        it cannot be written.
+        If the suffix is unknown; if ``.zarr`` is given without the package zarr; if the file
+        cannot be written.
 
     Examples
     --------
@@ -175,17 +175,19 @@ def write_focused_depth(
     if suffixes[-1:] in ([suffix] for suffix in hdf5_files.SUFFIXES):
         _write_hdf5(path, depth, maps, durable)
     elif is_ome(path):
-        found = {name: np.asarray(v, np.float32) for name, v in _known(maps, _CHANNELS).items()}
-        values = np.stack(list(found.values()))
+        channels = {
+            name: np.asarray(v, np.float32) for name, v in _named_maps(maps, _CHANNELS).items()
+        }
+        values = np.stack(list(channels.values()))
         write_series(
             path,
             as_block(values),
             "Depth of a focused camera is",
             shape=values.shape,
             axes="CYX",
-            description={name: _CHANNELS[name] for name in found} | _said_of_grid(maps.grid),
+            description={name: _CHANNELS[name] for name in channels} | _grid_description(maps.grid),
             spacing=None,
-            channels=tuple(found),
+            channels=tuple(channels),
             durable=durable,
             replace=replace,
         )
@@ -194,19 +196,19 @@ def write_focused_depth(
 
 
 def describe_focused(path: PathLike) -> tuple[str, dict[str, Any]] | None:
-    """What `write_focused` or `write_focused_depth` wrote into an HDF5 or OME-TIFF."""
+    """Return kind and properties of a file of this module, or None for other files."""
     path = Path(path)
     if not path.is_file():
         return None
     if path.suffix.lower() in hdf5_files.SUFFIXES:
-        return _found_in_hdf5(path) if h5py.is_hdf5(path) else None
-    return _found_in_tiff(path) if path.suffix.lower() in tiff.SUFFIXES else None
+        return _describe_hdf5(path) if h5py.is_hdf5(path) else None
+    return _describe_tiff(path) if path.suffix.lower() in tiff.SUFFIXES else None
 
 
-def _found_in_hdf5(path: Path) -> tuple[str, dict[str, Any]] | None:
+def _describe_hdf5(path: Path) -> tuple[str, dict[str, Any]] | None:
     try:
         with h5py.File(path) as file:
-            require_own(file, path)
+            require_internal(file, path)
             m = file.get("lenslets/m")
             if m is None or "picture/m" not in file or m.attrs.get("meaning") != _M:
                 return None
@@ -216,23 +218,23 @@ def _found_in_hdf5(path: Path) -> tuple[str, dict[str, Any]] | None:
     return f"depth {_BY}", shapes
 
 
-def _found_in_tiff(path: Path) -> tuple[str, dict[str, Any]] | None:
+def _describe_tiff(path: Path) -> tuple[str, dict[str, Any]] | None:
     try:
         with tiff.open_tiff(path) as file:
             first, count = file.pages.first, len(file.pages)
             about, shape = first.description, tuple(first.shape)
         if about == _MAP:
             return f"a map of m = b/a {_BY}", {"shape": shape}
-        said = describe_series(path)
-        found: dict[str, Any] = {"shape": (count, *shape) if count > 1 else shape}
-        if said.get("m") == _M:
-            return f"depth {_BY}", found
-        if said.get("magnification") != _M:
+        description = describe_series(path)
+        properties: dict[str, Any] = {"shape": (count, *shape) if count > 1 else shape}
+        if description.get("m") == _M:
+            return f"depth {_BY}", properties
+        if description.get("magnification") != _M:
             return None
-        found["m"] = [float(m) for m in said.get("ms", [said.get("m")])]
-    except Exception:  # tifffile raises all kinds on damaged files
+        properties["m"] = [float(m) for m in description.get("ms", [description.get("m")])]
+    except Exception:  # tifffile raises any exception on damaged files
         return None
-    return f"{'a focal stack' if 'ms' in said else 'a picture'} {_BY}", found
+    return f"{'a focal stack' if 'ms' in description else 'a picture'} {_BY}", properties
 
 
 def _write_map(path: Path, values: np.ndarray[Any, Any], durable: bool) -> None:
@@ -245,32 +247,36 @@ def _write_map(path: Path, values: np.ndarray[Any, Any], durable: bool) -> None:
         write_picture(path, values, description=_MAP, durable=durable)
     else:
         raise ValueError(
-            "Depth of a focused camera is written as .h5, .tif, .zarr, .pfm or .npy, not as "
+            "path must end in .h5, .tif, .zarr, .pfm or .npy for depth of a focused camera, got "
             f"{path}."
         )
 
 
-def _known(of: Any, names: dict[str, str]) -> dict[str, np.ndarray[Any, Any]]:
-    """Maps of an object by their names, without a z of which nothing is known."""
-    found = {name: np.asarray(getattr(of, name)) for name in names}
-    if not np.isfinite(found["z"]).any():
-        del found["z"]
-    return found
+def _named_maps(source: Any, names: dict[str, str]) -> dict[str, np.ndarray[Any, Any]]:
+    """Return the maps of an object by name, without z if it is unknown."""
+    maps = {name: np.asarray(getattr(source, name)) for name in names}
+    if not np.isfinite(maps["z"]).any():
+        del maps["z"]
+    return maps
 
 
 def _write_hdf5(path: Path, depth: FocusedDepth, maps: FocusedMaps, durable: bool) -> None:
     geometry = depth.geometry
-    of_lenslets = {name: text for name, text in _LENSLETS.items() if name not in ("centre", "type")}
+    lenslet_texts = {
+        name: text for name, text in _LENSLETS.items() if name not in ("centre", "type")
+    }
     lenslets: dict[str, np.ndarray[Any, Any]] = {"centre": geometry.centres, "type": geometry.kinds}
-    lenslets |= _known(depth, of_lenslets)
-    with created(path, durable=durable) as file:
-        _put(file.create_group("lenslets"), lenslets, _LENSLETS)
+    lenslets |= _named_maps(depth, lenslet_texts)
+    with create_hdf5(path, durable=durable) as file:
+        _write_datasets(file.create_group("lenslets"), lenslets, _LENSLETS)
         picture = file.create_group("picture")
-        _put(picture, _known(maps, _CHANNELS), _CHANNELS)
-        picture.attrs.update(_said_of_grid(maps.grid))
+        _write_datasets(picture, _named_maps(maps, _CHANNELS), _CHANNELS)
+        picture.attrs.update(_grid_description(maps.grid))
 
 
-def _put(group: h5py.Group, arrays: dict[str, np.ndarray[Any, Any]], texts: dict[str, str]) -> None:
+def _write_datasets(
+    group: h5py.Group, arrays: dict[str, np.ndarray[Any, Any]], texts: dict[str, str]
+) -> None:
     for name, values in arrays.items():
         stored = values.astype(np.float32) if values.dtype.kind == "f" else values
         group.create_dataset(name, data=stored).attrs["meaning"] = texts[name]

@@ -1,8 +1,7 @@
-"""What the HCI 4D benchmark stores beside the views of a scene: parameters and true disparity.
+"""Parameters and true disparity of scenes of the HCI 4D benchmark.
 
-Disparity from depth, all lengths in one unit (design of the benchmark: Honauer, Johannsen,
-Kondermann, Goldluecke 2016, "A dataset and evaluation methodology for depth estimation on 4D light
-fields", supplement):
+Disparity from depth, all lengths in the same unit (Honauer, Johannsen, Kondermann, Goldluecke 2016,
+"A dataset and evaluation methodology for depth estimation on 4D light fields", supplement):
 
     d = (b f W / Z - b f W / Z0) / s
 
@@ -31,8 +30,8 @@ from clplen.reprs import OneLine
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
 _FILE = "parameters.cfg"
-_LARGEST = 1 << 20  # bytes
-_MOST_PLANES = 10**6
+_MAX_FILE_BYTES = 1 << 20
+_MAX_PLANES = 10**6
 _SECTIONS = {
     "intrinsics": (
         "focal_length_mm",
@@ -48,25 +47,25 @@ _SECTIONS = {
 
 @dataclass(frozen=True, repr=False)
 class HciParameters(OneLine):
-    """The ``parameters.cfg`` of a scene; None for what it does not say.
+    """Parameters in ``parameters.cfg`` of a scene; None for missing values.
 
     Attributes
     ----------
     focal_length_mm, sensor_size_mm, baseline_mm, focus_distance_m, fstop : float or None
-        Lengths in the unit that the name ends with, and the f-number.
+        Lengths in the unit of the name, and the f-number.
     image_resolution_x_px, image_resolution_y_px, num_cams_x, num_cams_y : int or None
-        Pixels of a view, and numbers of views, along x and y.
+        Number of pixels in a view and number of views, along x and y.
     disp_min, disp_max : float or None
-        Range of the disparity in pixels a view step.
+        Range of the disparity in pixels per view step.
     depth_map_scale : float or None
-        Size of the high-resolution maps over that of the views.
+        Ratio of the size of the high-resolution maps to that of the views.
     scene, category : str or None
-        Names of the scene and of the part of the benchmark that it belongs to.
+        Name of the scene and of its part of the benchmark.
 
     Examples
     --------
-    The metric form is (A3), d = kappa F (1/z - 1/z0), of a camera with the step b between views,
-    image distance F = f and pixels dx = s / W on the sensor, so that kappa = b / dx:
+    The metric form (A3) is d = kappa F (1/z - 1/z0). For a camera with view step b, image distance
+    F = f and pixel size dx = s / W on the sensor, kappa = b / dx:
 
     >>> p = clplen.io.HciParameters(
     ...     focal_length_mm=100, sensor_size_mm=35, baseline_mm=45, focus_distance_m=8,
@@ -96,7 +95,7 @@ class HciParameters(OneLine):
     category: str | None = None
 
     def disparity(self, Z_m: ArrayLike) -> Array:
-        """Disparity of a depth.
+        """Return the disparity of a depth.
 
         Parameters
         ----------
@@ -106,70 +105,72 @@ class HciParameters(OneLine):
         Returns
         -------
         numpy.ndarray
-            float64, pixels a view step, nearer larger.
+            Disparity in pixels per view step, float64, larger when nearer.
 
         Raises
         ------
         ValueError
-            If a parameter that it needs is not known.
+            If a required parameter is missing.
         """
-        scale, focused = self._scale()
+        scale, focus_disparity = self._scale()
         with np.errstate(divide="ignore"):
-            return np.asarray(scale / (1e3 * float64_array(Z_m)) - focused)
+            return np.asarray(scale / (1e3 * float64_array(Z_m)) - focus_disparity)
 
     def depth(self, d: ArrayLike) -> Array:
-        """The inverse of `disparity`.
+        """Return the depth of a disparity, the inverse of `disparity`.
 
         Parameters
         ----------
         d : array_like
-            Disparity in pixels a view step.
+            Disparity in pixels per view step.
 
         Returns
         -------
         numpy.ndarray
-            float64, metres; infinite where no depth in front of the cameras has this disparity.
+            Depth in metres, float64; infinite if no depth in front of the cameras fits.
 
         Raises
         ------
         ValueError
-            If a parameter that it needs is not known.
+            If a required parameter is missing.
         """
-        scale, focused = self._scale()
-        inverse = float64_array(d) + focused
+        scale, focus_disparity = self._scale()
+        inverse = float64_array(d) + focus_disparity
         with np.errstate(divide="ignore"):
             return np.asarray(np.where(inverse > 0, 1e-3 * scale / np.abs(inverse), np.inf))
 
     def planes(self, step: float = 0.1) -> Array:
-        """Disparities over the range of the scene.
+        """Return equidistant disparities over the range of the scene.
 
         Parameters
         ----------
         step : float
-            Positive; the planes lie at most this far from each other, in pixels a view step.
+            Largest distance of neighbouring planes in pixels per view step, positive.
 
         Returns
         -------
         numpy.ndarray
-            float64, from ``disp_min`` to ``disp_max``.
+            Disparities from ``disp_min`` to ``disp_max``, float64.
 
         Raises
         ------
         ValueError
-            If the range is not known or empty, or the step not positive.
+                If the range is unknown or empty, or the step is not positive.
         """
         if self.disp_min is None or self.disp_max is None or not self.disp_min < self.disp_max:
             raise ValueError(
-                f"The parameters give disp_min={self.disp_min} and disp_max={self.disp_max}, no "
-                "range of disparity: give the planes yourself."
+                f"disp_min must be less than disp_max, got {self.disp_min} and {self.disp_max}: "
+                "give the planes explicitly."
             )
         count = (self.disp_max - self.disp_min) / step if step > 0 else math.inf
-        if not count < _MOST_PLANES:
-            raise ValueError(f"step={step} is not positive, or gives a million planes and more.")
+        if not count < _MAX_PLANES:
+            raise ValueError(
+                f"step must be positive and give less than a million planes, got {step}."
+            )
         return np.linspace(self.disp_min, self.disp_max, math.ceil(round(count, 9)) + 1)
 
     def _scale(self) -> tuple[float, float]:
-        """b f W / s in mm px, and the disparity b f W / (Z0 s) that is taken off."""
+        """Return b f W / s in mm px, and the disparity b f W / (Z0 s) of the focus distance."""
         lengths = {
             name: getattr(self, name)
             for name in ("baseline_mm", "focal_length_mm", "sensor_size_mm", "focus_distance_m")
@@ -180,7 +181,7 @@ class HciParameters(OneLine):
             raise ValueError(
                 "Depth in metres needs "
                 + ", ".join(missing or ["image_resolution_x_px"])
-                + ", which the parameters do not give."
+                + ": add them to the parameters."
             )
         check_finite(**lengths, sizes=sizes)
         scale = lengths["baseline_mm"] * lengths["focal_length_mm"] * max(sizes)
@@ -194,17 +195,17 @@ def read_parameters(path: PathLike) -> HciParameters:
     Parameters
     ----------
     path : path-like
-        The folder of the scene, or its ``parameters.cfg``.
+        Folder of the scene, or its ``parameters.cfg``.
 
     Returns
     -------
     HciParameters
-        The values of the file; None for what it does not say.
+        Values of the file; None for missing values.
 
     Raises
     ------
     FormatError
-        If there is none, it is no INI file, or a value is no number or out of range.
+        If the file is missing or not an INI file, or if a value is invalid.
 
     Examples
     --------
@@ -212,48 +213,48 @@ def read_parameters(path: PathLike) -> HciParameters:
     ...     focal_length_mm=100.0, sensor_size_mm=35.0, baseline_mm=45.0, focus_distance_m=8.0,
     ...     image_resolution_x_px=512, image_resolution_y_px=512)
     >>> clplen.io.write_parameters("parameters.cfg", parameters)
-    >>> found = clplen.io.read_parameters("parameters.cfg")
-    >>> found.baseline_mm, f"{float(found.disparity(7.0)):.4f} pixels a view step at 7 m"
+    >>> stored = clplen.io.read_parameters("parameters.cfg")
+    >>> stored.baseline_mm, f"{float(stored.disparity(7.0)):.4f} pixels a view step at 7 m"
     (45.0, '1.1755 pixels a view step at 7 m')
     """
     path = Path(path)
     file = path / _FILE if path.is_dir() else path
     if not file.is_file():
         raise FormatError(
-            f"There are no parameters {file}; some scenes of the benchmark lack them."
+            f"There is no file {file}; some scenes of the benchmark have no parameters."
         )
-    if file.stat().st_size > _LARGEST:
-        raise FormatError(f"{file} is too large for a file of parameters.")
+    if file.stat().st_size > _MAX_FILE_BYTES:
+        raise FormatError(f"{file} is too large to be a file of parameters.")
     parser = configparser.ConfigParser(interpolation=None)
     try:
         parser.read_string(file.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError, configparser.Error) as error:
         reason = (str(error).splitlines() or [""])[0]
-        raise FormatError(f"{file} is no INI file that can be read ({reason[:200]}).") from error
-    found: dict[str, str] = {}
+        raise FormatError(f"{file} is not a readable INI file ({reason[:200]}).") from error
+    texts: dict[str, str] = {}
     for section in _SECTIONS:
         if parser.has_section(section):
-            found |= dict(parser.items(section))
-    if not found:
+            texts |= dict(parser.items(section))
+    if not texts:
         raise FormatError(f"{file} has none of the sections {', '.join(_SECTIONS)}.")
     return HciParameters(
         **{
-            field.name: _value(file, field.name, str(field.type), found[field.name])
+            field.name: _value(file, field.name, str(field.type), texts[field.name])
             for field in fields(HciParameters)
-            if found.get(field.name, "").strip()
+            if texts.get(field.name, "").strip()
         }
     )
 
 
 def write_parameters(path: PathLike, parameters: HciParameters) -> None:
-    """Write the parameters of a scene as the HCI 4D benchmark does.
+    """Write the parameters of a scene in the format of the HCI 4D benchmark.
 
     Parameters
     ----------
     path : path-like
-        The folder of the scene, which gets a ``parameters.cfg``, or the file itself.
+        Folder of the scene, for a ``parameters.cfg`` in it, or the file itself.
     parameters : HciParameters
-        What is None is left out.
+        Parameters to write; None values are left out.
 
     Raises
     ------
@@ -281,7 +282,7 @@ def write_parameters(path: PathLike, parameters: HciParameters) -> None:
 
 
 def _value(file: Path, name: str, kind: str, text: str) -> Any:
-    """A value of a parameter by its annotation."""
+    """Return the value of a parameter, converted by its annotation."""
     if kind.startswith("str"):
         return text.strip()
     try:
@@ -289,13 +290,13 @@ def _value(file: Path, name: str, kind: str, text: str) -> Any:
     except ValueError:
         number = math.nan
     signed = name.startswith("disp_")
-    whole = kind.startswith("int")
-    if not fits_float64(number) or (number <= 0 and not signed) or (whole and number % 1):
-        wanted = (
-            "a number" if signed else "a positive whole number" if whole else "a positive number"
+    is_integer = kind.startswith("int")
+    if not fits_float64(number) or (number <= 0 and not signed) or (is_integer and number % 1):
+        expected = (
+            "a number" if signed else "a positive integer" if is_integer else "a positive number"
         )
-        raise FormatError(f"{file}: {name} is {text.strip()[:40]!r}, not {wanted}.")
-    return int(number) if whole else number
+        raise FormatError(f"{file}: {name} must be {expected}, got {text.strip()[:40]!r}.")
+    return int(number) if is_integer else number
 
 
 def read_truth(folder: PathLike, *, high: bool = False) -> np.ndarray[Any, np.dtype[np.float32]]:
@@ -317,5 +318,7 @@ def read_truth(folder: PathLike, *, high: bool = False) -> np.ndarray[Any, np.dt
 def _map(path: Path) -> np.ndarray[Any, np.dtype[np.float32]]:
     values = read_pfm(path)
     if values.ndim != 2:
-        raise FormatError(f"{path} has shape {values.shape}; a disparity map has (y, x).")
+        raise FormatError(
+            f"A disparity map must have shape (y, x), got {values.shape} from {path}."
+        )
     return values.astype(np.float32)

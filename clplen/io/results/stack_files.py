@@ -1,4 +1,4 @@
-"""Focal stacks, depth maps and pictures as files that other programs read."""
+"""Focal stacks, depth maps and pictures in files for other programs."""
 
 from __future__ import annotations
 
@@ -49,34 +49,34 @@ def write_stack(
 ) -> None:
     """Write a focal stack as linear float32 pictures, OME-TIFF or OME-Zarr.
 
-    Of OME-TIFF ``tifffile.imread`` gives it back as (n, y, x) or (n, y, x, c), a single plane as
-    (y, x[, c]). The OME axes are ZYX or ZYXS; the image's OME description is JSON with the
-    ``disparities`` and ``alphas`` of the planes (null where unknown) and, with a camera, their
-    ``dz_m``. From 4 GB on it is a BigTIFF. OME-Zarr (version 0.4) has the axes z, y, x or
-    c, z, y, x, the same description as attribute "clplen", and a pyramid; planes are not
-    equidistant in general, so that the scale of z is 1 without unit.
+    ``tifffile.imread`` reads the OME-TIFF as (n, y, x) or (n, y, x, c), a single plane as (y, x[,
+    c]). The OME axes are ZYX or ZYXS. The OME description is JSON with the ``disparities`` and
+    ``alphas`` of the planes (null where unknown) and, with a camera, their ``dz_m``. Files above 4
+    GB are BigTIFF. OME-Zarr (version 0.4) has the axes z, y, x or c, z, y, x, a pyramid and the
+    same description in the attribute "clplen". Its z scale is 1 without unit, because planes are
+    not equidistant in general.
 
     Parameters
     ----------
     path : path-like
-        ``.tif`` or ``.tiff``; ``.zarr``, a folder.
+        ``.tif`` or ``.tiff`` for OME-TIFF; ``.zarr`` for OME-Zarr (a folder).
     stack : FocalStack or Tiles
-        A stack on a device, or one that comes in parts and is larger than memory: one block and a
-        few megabytes are held.
+        Stack on a device, or a stack in parts that is larger than memory. Memory use is one block
+        and a few megabytes.
     progress : bool
-        Whether to show a bar on standard error.
+        True to show a progress bar on standard error.
     durable : bool
-        Whether to wait until the disk has it (fsync) before it takes its name.
+        True to wait until the file is on disk (fsync) before it is renamed.
     replace : bool
-        Whether an OME-Zarr of another shape may be there, and goes; a TIFF, or an OME-Zarr of the
-        same shape, is always replaced.
+        True to replace an OME-Zarr of another shape. A TIFF, or an OME-Zarr of equal shape, is
+        always replaced.
 
     Raises
     ------
     ValueError, ShapeError, FormatError, FileExistsError, OSError
-        If the suffix is another one; if parts do not make up the stack; if it is ``.zarr`` and the
-        package zarr is not installed; if there is an OME-Zarr of another shape that is not to be
-        replaced, or another folder; if it cannot be written.
+        If the suffix is unknown; if the parts do not cover the stack; if ``.zarr`` is given without
+        the package zarr; if an OME-Zarr of another shape exists and ``replace`` is False, or
+        another folder exists; if the file cannot be written.
 
     Examples
     --------
@@ -90,7 +90,7 @@ def write_stack(
     blocks: Iterable[Block] = planes_of(stack) if isinstance(stack, FocalStack) else stack
     write_series(
         path,
-        _shown(blocks, stack.shape) if progress else blocks,
+        _with_progress(blocks, stack.shape) if progress else blocks,
         "A focal stack is",
         shape=stack.shape,
         axes="ZYXS" if len(stack.shape) == 4 else "ZYX",
@@ -109,22 +109,22 @@ def read_stack(
     Parameters
     ----------
     path : path-like
-        ``.tif`` or ``.tiff``; ``.zarr``, a folder.
+        ``.tif`` or ``.tiff`` for OME-TIFF; ``.zarr`` for OME-Zarr (a folder).
     device : Device or str, optional
-        Default ``Device.open()``.
+        Compute device; default ``Device.open()``.
     max_bytes : int, optional
-        Largest allocation that the file may ask for; default half of the free memory.
+        Largest allocation that the file may cause; default half of the free memory.
 
     Returns
     -------
     FocalStack
-        Of its ``spacing`` the file keeps the size of a pixel (dy, dx), the rest is NaN; it keeps
-        no camera, weights or positions.
+        Focal stack whose ``spacing`` has the pixel size (dy, dx) and NaN for views. Camera, weights
+        and positions are not stored.
 
     Raises
     ------
     FormatError
-        If it is missing, damaged, of another kind, or does not say the disparity of each plane.
+        If the file is missing, damaged, of another kind, or lacks the disparities of its planes.
 
     Examples
     --------
@@ -132,18 +132,18 @@ def read_stack(
     >>> lf, truth = clplen.SurfaceScene(plane).light_field((5, 5), (32, 32))
     >>> stack = clplen.focal_stack(lf, disparities=[-0.5, 0, 0.5, 1])
     >>> clplen.io.write_stack("stack.tif", stack)
-    >>> found = clplen.io.read_stack("stack.tif")
-    >>> found.disparities.tolist(), bool((found.to_numpy() == stack.to_numpy()).all())
+    >>> stored = clplen.io.read_stack("stack.tif")
+    >>> stored.disparities.tolist(), bool((stored.to_numpy() == stack.to_numpy()).all())
     ([-0.5, 0.0, 0.5, 1.0], True)
     """
     device = as_device(device)
     with open_series(path, what="a focal stack", max_bytes=max_bytes) as series:
         count = series.shape[0]
-        known = [_vector(series.about.get(name), count) for name in ("disparities", "alphas")]
-        if known[0] is None:
+        vectors = [_vector(series.about.get(name), count) for name in ("disparities", "alphas")]
+        if vectors[0] is None:
             raise FormatError(
-                f"{path} does not say the disparities of its {count} planes: it is no focal stack "
-                "of write_stack."
+                f"{path} has no disparities for its {count} planes: give a focal stack of "
+                "write_stack."
             )
         data = device.empty(series.shape, np.float32)
         with device.on_host(data) as host:
@@ -151,14 +151,14 @@ def read_stack(
     return FocalStack(
         data,
         device,
-        known[0],
-        np.full(count, np.nan) if known[1] is None else known[1],
+        vectors[0],
+        np.full(count, np.nan) if vectors[1] is None else vectors[1],
         None if series.pixel is None else (math.nan, math.nan, *series.pixel),
     )
 
 
 def _vector(values: Any, count: int) -> np.ndarray[Any, np.dtype[np.float64]] | None:
-    """Numbers of a description, NaN for null; None if there are not as many."""
+    """Return the numbers of a description, NaN for null; None if the count is wrong."""
     if not isinstance(values, list | tuple) or len(values) != count:
         return None
     if not all(value is None or isinstance(value, int | float) for value in values):
@@ -167,15 +167,15 @@ def _vector(values: Any, count: int) -> np.ndarray[Any, np.dtype[np.float64]] | 
 
 
 def planes_of(stack: FocalStack | FocusedStack) -> Iterator[Block]:
-    """The pictures of a stack on a device, one after the other."""
+    """Yield the pictures of a stack on a device, plane by plane."""
     rows, columns = (slice(0, n) for n in stack.shape[1:3])
     for i in range(stack.shape[0]):
         picture = stack.device.download(stack.data[i])
         yield slice(i, i + 1), rows, columns, picture[None]
 
 
-def _shown(blocks: Iterable[Block], shape: tuple[int, ...]) -> Iterator[Block]:
-    """Blocks as they are, with a bar."""
+def _with_progress(blocks: Iterable[Block], shape: tuple[int, ...]) -> Iterator[Block]:
+    """Yield blocks unchanged and update a progress bar."""
     total = int(np.prod(shape[:3], dtype=np.int64))
     with progress_bar(total=total, desc="writing", unit="px", unit_scale=True) as bar:
         for block in blocks:
@@ -184,7 +184,7 @@ def _shown(blocks: Iterable[Block], shape: tuple[int, ...]) -> Iterator[Block]:
 
 
 def _description(stack: FocalStack | Tiles) -> dict[str, Any]:
-    """What is said about the planes."""
+    """Return the description of the planes."""
     description = {
         "disparities": numbers(stack.disparities),
         "alphas": numbers(stack.alphas),
@@ -211,25 +211,26 @@ def write_depth(
     durable: bool = False,
     replace: bool = False,
 ) -> None:
-    """Write the disparity of a depth map, in pixels per view step, nearer larger.
+    """Write the disparity of a depth map, in pixels per view step, larger when nearer.
 
     Parameters
     ----------
     path : path-like
-        ``.pfm``, or ``.tif`` for one float32 page; ``.ome.tif`` for OME-TIFF, ``.zarr`` for
-        OME-Zarr (a folder), with the channels disparity, confidence and, where known, alpha and z
+        ``.pfm``, or ``.tif`` for a single float32 page. ``.ome.tif`` for OME-TIFF, ``.zarr`` for
+        OME-Zarr (a folder), with the channels disparity, confidence and, if known, alpha and z
         (metres).
     depth : DepthMap or array_like
-        Its maps, or an array of disparities, have the shape (y, x); stored as float32.
+        Depth map, or array of disparities, of shape (y, x); stored as float32.
     spacing : tuple of float, optional
-        That of the light field, signed (dv, du, dy, dx) in metres; kept by OME-TIFF and OME-Zarr.
+        Spacing of the light field, signed (dv, du, dy, dx) in metres; stored in OME-TIFF and
+        OME-Zarr.
     durable, replace : bool
-        As in `write_stack`.
+        Options as in `write_stack`.
 
     Raises
     ------
     ValueError, FormatError, FileExistsError, OSError
-        As `write_stack`.
+        Errors of `write_stack`.
 
     Examples
     --------
@@ -246,7 +247,7 @@ def write_depth(
     if suffixes[-1:] == [".pfm"]:
         write_pfm(path, depth.disparity, durable=durable)
     elif is_ome(path):
-        maps = _known(depth)
+        maps = _known_maps(depth)
         values = np.stack(list(maps.values()))
         write_series(
             path,
@@ -264,11 +265,11 @@ def write_depth(
         disparity = depth.disparity.astype(np.float32, copy=False)
         write_picture(path, disparity, description=f"disparity, {_DISPARITY}", durable=durable)
     else:
-        raise ValueError(f"Disparities are written as .pfm, .tif or .zarr, not as {path}.")
+        raise ValueError(f"path must end in .pfm, .tif or .zarr for disparities, got {path}.")
 
 
-def _known(depth: DepthMap) -> dict[str, np.ndarray[Any, Any]]:
-    """The maps that hold something."""
+def _known_maps(depth: DepthMap) -> dict[str, np.ndarray[Any, Any]]:
+    """Return disparity, confidence and the other maps that are not all NaN."""
     maps = {name: np.asarray(getattr(depth, name), np.float32) for name in _CHANNELS}
     return {
         name: values
@@ -283,20 +284,20 @@ def read_depth(path: PathLike, *, max_bytes: int | None = None) -> DepthMap:
     Parameters
     ----------
     path : path-like
-        OME-TIFF (``.ome.tif``) or OME-Zarr (``.zarr``) of `write_depth`, with all maps that they
-        hold; of other files disparity alone, as `read_disparity` takes it.
+        OME-TIFF (``.ome.tif``) or OME-Zarr (``.zarr``) of `write_depth`, with all its maps; other
+        files contain disparity alone, as for `read_disparity`.
     max_bytes : int, optional
-        Largest allocation that the file may ask for; default half of the free memory.
+        Largest allocation that the file may cause; default half of the free memory.
 
     Returns
     -------
     DepthMap
-        Maps that the file does not hold are NaN.
+        Depth map; maps that the file does not contain are NaN.
 
     Raises
     ------
     FormatError
-        If it is missing, damaged, or holds no disparity.
+        If the file is missing, damaged, or has no disparity.
 
     Examples
     --------
@@ -304,8 +305,8 @@ def read_depth(path: PathLike, *, max_bytes: int | None = None) -> DepthMap:
     >>> lf, truth = clplen.SurfaceScene(plane).light_field((5, 5), (32, 32))
     >>> depth = clplen.depth_map(lf, disparities=np.linspace(-1, 1, 9))
     >>> clplen.io.write_depth("depth.ome.tif", depth)
-    >>> found = clplen.io.read_depth("depth.ome.tif")
-    >>> found.disparity.shape, bool((found.confidence == depth.confidence).all())
+    >>> stored = clplen.io.read_depth("depth.ome.tif")
+    >>> stored.disparity.shape, bool((stored.confidence == depth.confidence).all())
     ((32, 32), True)
     """
     if is_ome(path):
@@ -313,13 +314,13 @@ def read_depth(path: PathLike, *, max_bytes: int | None = None) -> DepthMap:
             names = [name for name in _CHANNELS if name in series.about]
             if "confidence" not in names or len(names) != series.shape[0]:
                 raise FormatError(
-                    f"{path} does not name its maps: it is no depth map of write_depth."
+                    f"{path} has no names for its maps: give a depth map of write_depth."
                 )
-            known = dict(zip(names, series.read(np.empty(series.shape, np.float32)), strict=True))
+            maps = dict(zip(names, series.read(np.empty(series.shape, np.float32)), strict=True))
     else:
-        known = {"disparity": read_disparity(path, max_bytes=max_bytes)}
-    unknown = np.full_like(known["disparity"], np.nan)
-    return DepthMap(**{name: known.get(name, unknown) for name in _CHANNELS})
+        maps = {"disparity": read_disparity(path, max_bytes=max_bytes)}
+    empty = np.full_like(maps["disparity"], np.nan)
+    return DepthMap(**{name: maps.get(name, empty) for name in _CHANNELS})
 
 
 def write_image(
@@ -331,25 +332,25 @@ def write_image(
     durable: bool = False,
     replace: bool = False,
 ) -> None:
-    """Write one linear picture, such as all-in-focus, with the size of its pixels.
+    """Write a linear picture, such as an all-in-focus image, with its pixel size.
 
     Parameters
     ----------
     path : path-like
-        ``.tif`` or ``.tiff``, OME-TIFF; ``.zarr``, OME-Zarr (a folder).
+        ``.tif`` or ``.tiff`` for OME-TIFF; ``.zarr`` for OME-Zarr (a folder).
     image : Image or array_like
-        Shape (y, x) or (y, x, c); stored as float32.
+        Picture of shape (y, x) or (y, x, c); stored as float32.
     spacing : tuple of float, optional
-        That of the light field, signed (dv, du, dy, dx) in metres.
+        Spacing of the light field, signed (dv, du, dy, dx) in metres.
     description : str, optional
-        What the values are.
+        Meaning of the values.
     durable, replace : bool
-        As in `write_stack`.
+        Options as in `write_stack`.
 
     Raises
     ------
     ValueError, FormatError, FileExistsError, OSError
-        As `write_stack`; if the shape is another one.
+        Errors of `write_stack`; if the shape is invalid.
 
     Examples
     --------
@@ -361,7 +362,7 @@ def write_image(
     """
     values = np.asarray(host_array(image, "A picture"), np.float32)
     if values.ndim not in (2, 3):
-        raise ValueError(f"A picture has shape (y, x) or (y, x, c), not {values.shape}.")
+        raise ValueError(f"A picture must have shape (y, x) or (y, x, c), got {values.shape}.")
     write_series(
         path,
         as_block(values[None]),
@@ -378,26 +379,26 @@ def write_image(
 def read_image(
     path: PathLike, *, device: DeviceLike | None = None, max_bytes: int | None = None
 ) -> Image:
-    """Read one linear picture of `write_image`.
+    """Read a linear picture of `write_image`.
 
     Parameters
     ----------
     path : path-like
-        ``.tif`` or ``.tiff``; ``.zarr``, a folder.
+        ``.tif`` or ``.tiff`` for OME-TIFF; ``.zarr`` for OME-Zarr (a folder).
     device : Device or str, optional
-        Default ``Device.open()``.
+        Compute device; default ``Device.open()``.
     max_bytes : int, optional
-        Largest allocation that the file may ask for; default half of the free memory.
+        Largest allocation that the file may cause; default half of the free memory.
 
     Returns
     -------
     Image
-        Shape (y, x) or (y, x, c), float32.
+        Picture of shape (y, x) or (y, x, c), float32.
 
     Raises
     ------
     FormatError
-        If it is missing, damaged, of another kind, or holds several pictures.
+        If the file is missing, damaged, of another kind, or has several pictures.
 
     Examples
     --------
@@ -411,6 +412,6 @@ def read_image(
     if series.axes == "cyx":
         values = np.moveaxis(values, 0, -1)[None]
     if len(values) != 1:
-        raise FormatError(f"{path} holds {len(values)} pictures, not one: read_stack takes it.")
+        raise FormatError(f"{path} must have one picture, got {len(values)}: use read_stack.")
     device = as_device(device)
     return Image(device.upload(np.ascontiguousarray(values[0], np.float32)), device)

@@ -1,4 +1,4 @@
-"""Volumes of microscopes: OME-TIFF and OME-Zarr with the size of a voxel."""
+"""Volumes of microscopes in OME-TIFF and OME-Zarr with their voxel size."""
 
 from __future__ import annotations
 
@@ -28,28 +28,28 @@ def write_volume(
     durable: bool = False,
     replace: bool = False,
 ) -> None:
-    """Write a volume as linear float32, whole or not at all.
+    """Write a volume as linear float32; the file appears only when complete.
 
     Parameters
     ----------
     path : path-like
-        ``.tif`` or ``.tiff``, OME-TIFF; ``.zarr``, OME-Zarr (a folder).
+        ``.tif`` or ``.tiff`` for OME-TIFF; ``.zarr`` for OME-Zarr (a folder).
     volume : array_like
-        Shape (planes, y, x).
+        Volume of shape (planes, y, x).
     planes : array_like
-        The z of each plane in metres: OME's PositionZ, or the place of an OME-Zarr. Where they rise
-        and are equidistant their step is the size of a voxel.
+        Depth z of each plane in metres, stored as PositionZ of OME or the translation of OME-Zarr.
+        If the planes rise equidistantly, their step is the voxel size along z.
     voxel : tuple of float
-        (dy, dx) in metres.
+        Voxel size (dy, dx) in metres.
     description : dict, optional
-        What else is known, of JSON; "planes_um" is added.
+        Further description, of JSON values; "planes_um" is added.
     durable, replace : bool
-        As in `write_stack`.
+        Options as in `write_stack`.
 
     Raises
     ------
     ValueError, ShapeError, FormatError, FileExistsError, OSError
-        If the suffix is another one, or there are not as many planes as z; as `write_stack`.
+        If the suffix is unknown or the number of planes differs; errors of `write_stack`.
 
     Examples
     --------
@@ -63,8 +63,8 @@ def write_volume(
     values, z = real_array(volume, "A volume"), real_array(planes, "planes", np.float64)
     if values.ndim != 3 or z.shape != values.shape[:1]:
         raise ShapeError(
-            f"A volume has shape (planes, y, x) and a z for each plane, not {values.shape} and "
-            f"{z.shape}."
+            f"A volume must have shape (planes, y, x) and a z for each plane, got {values.shape} "
+            f"and {z.shape}."
         )
     check_finite(planes=z)
     write_series(
@@ -73,7 +73,7 @@ def write_volume(
         "A volume is",
         shape=values.shape,
         axes="ZYX",
-        description={**(description or {}), "planes_um": [round(one * 1e6, 9) for one in z]},
+        description={**(description or {}), "planes_um": [round(depth * 1e6, 9) for depth in z]},
         spacing=(math.nan, math.nan, *voxel),
         depth=plane_step(z),
         positions=z.tolist(),
@@ -83,7 +83,7 @@ def write_volume(
 
 
 def plane_step(z: Array) -> float | None:
-    """The distance of planes in metres, None where they do not rise or are not equidistant."""
+    """Return the distance of rising equidistant planes in metres, or None."""
     steps = np.diff(z)
     if steps.size == 0 or steps[0] <= 0 or np.ptp(steps) > 1e-6 * steps[0]:
         return None
@@ -91,24 +91,25 @@ def plane_step(z: Array) -> float | None:
 
 
 def read_volume(path: PathLike, *, max_bytes: int | None = None) -> tuple[Array, dict[str, Any]]:
-    """Read a volume, and what its file says of it.
+    """Read a volume and its description.
 
     Parameters
     ----------
     path : path-like
-        TIFF of pages that are alike, OME-Zarr or ``.npy``.
+        TIFF with pages of equal shape, OME-Zarr or ``.npy``.
     max_bytes : int, optional
         Largest allocation; default half of the free memory.
 
     Returns
     -------
     numpy.ndarray, dict
-        Shape (planes, y, x); the description of `write_volume`, empty for other files.
+        Volume of shape (planes, y, x), and the description of `write_volume`, empty for other
+        files.
 
     Raises
     ------
     FormatError
-        If it is missing, damaged, of another kind or no volume of numbers.
+        If the file is missing, damaged, of another kind or not a volume of numbers.
 
     Examples
     --------
@@ -116,8 +117,8 @@ def read_volume(path: PathLike, *, max_bytes: int | None = None) -> tuple[Array,
     >>> volume[2, 12, 16] = 1
     >>> planes = np.linspace(-10e-6, 10e-6, 5)  # in metres
     >>> clplen.io.write_volume("volume.tif", volume, planes=planes, voxel=(0.5e-6, 0.5e-6))
-    >>> found, about = clplen.io.read_volume("volume.tif")
-    >>> found.shape, about["planes_um"]
+    >>> stored, about = clplen.io.read_volume("volume.tif")
+    >>> stored.shape, about["planes_um"]
     ((5, 24, 32), [-10.0, -5.0, 0.0, 5.0, 10.0])
     """
     path = Path(path)
@@ -132,10 +133,12 @@ def read_volume(path: PathLike, *, max_bytes: int | None = None) -> tuple[Array,
         values, about = np.array(mapped), {}
         values = values[None] if values.ndim == 2 else values
     if values.ndim != 3 or values.dtype.kind not in "uif" or values.size == 0:
-        raise FormatError(f"{path} holds {values.dtype} of shape {values.shape}, not (z, y, x).")
+        raise FormatError(
+            f"{path} must hold numbers of shape (z, y, x), got {values.dtype} of {values.shape}."
+        )
     return values, about
 
 
 def is_volume(path: PathLike) -> bool:
-    """Return whether a file says where its planes lie, as those of `write_volume` do."""
+    """Return True if a file states the z of its planes, like files of `write_volume`."""
     return "planes_um" in describe_series(path)

@@ -1,4 +1,4 @@
-"""Series of volumes in one OME-TIFF (TZYX) or OME-Zarr (TCZYX), written while they are found."""
+"""Series of volumes in one OME-TIFF (TZYX) or OME-Zarr (TCZYX), written during computation."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from clplen.io.store.series_layout import Record, SeriesLayout
 
 
 class VolumeSeries:
-    """A file of volumes that grows, and goes on after its writer was killed.
+    """File of volumes that grows, and can be resumed after its writer was killed.
 
     Attributes
     ----------
     done : int
-        Volumes that are there.
+        Number of stored volumes.
     """
 
     def __init__(
@@ -46,12 +46,12 @@ class VolumeSeries:
             positive_integer(number, "An axis of a series")
         about = {
             **description,
-            "planes_um": [round(one * 1e6, 9) for one in z],
+            "planes_um": [round(depth * 1e6, 9) for depth in z],
             "batch": batch,
             "shape": list(shape),
         }
         layout = SeriesLayout(
-            frames, shape, voxel, tuple(float(one) for one in z), plane_step(z), about
+            frames, shape, voxel, tuple(float(depth) for depth in z), plane_step(z), about
         )
         kind = _kind(self.path)
         self._file = kind(self.path, layout)
@@ -59,47 +59,47 @@ class VolumeSeries:
 
     @property
     def done(self) -> int:
-        """Volumes that are there."""
+        """Number of stored volumes."""
         return len(self._file.records)
 
     @property
     def records(self) -> list[Record]:
-        """What is said of each of them."""
+        """Descriptions of the stored volumes."""
         return self._file.records
 
-    def open(self, *, go_on: bool) -> int:
-        """Begin, or go on with what is there; the number of volumes that are."""
-        if go_on:
+    def open(self, *, resume: bool) -> int:
+        """Begin or resume the file, and return the number of stored volumes."""
+        if resume:
             _, records = self._file.stored(self.path)
-            whole = self._file.whole(records[: self._frames])
-            if whole < self._frames:
-                whole -= whole % self._batch
-            if whole:
-                self._file.resume(records[:whole])
-                return whole
+            count = self._file.count_complete(records[: self._frames])
+            if count < self._frames:
+                count -= count % self._batch
+            if count:
+                self._file.resume(records[:count])
+                return count
         check_space(self.path, self._file.nbytes)
         self._file.begin()
         return 0
 
     def append(self, volumes: Sequence[Array], records: Sequence[Record]) -> None:
-        """Add volumes, with what is said of each; they are on the disk afterwards."""
-        said = [
-            {**record, "range": [float(one.min()), float(one.max())]}
-            for one, record in zip(volumes, records, strict=True)
+        """Write volumes and their records; they are on disk when the call returns."""
+        full_records = [
+            {**record, "range": [float(volume.min()), float(volume.max())]}
+            for volume, record in zip(volumes, records, strict=True)
         ]
-        self._file.append(volumes, said)
+        self._file.append(volumes, full_records)
 
     def read(self, t: int) -> Array:
-        """The volume of a frame that is there."""
+        """Return the stored volume of a frame."""
         return self._file.read(t)
 
     def end(self) -> None:
-        """All volumes are there."""
+        """Complete the file after the last volume."""
         self._file.end()
 
 
 def series_in(path: PathLike) -> tuple[dict[str, Any], list[Record]]:
-    """Description and records of a series of volumes, whole or not; empty of anything else.
+    """Return description and records of a series of volumes, complete or not; else empty.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def series_in(path: PathLike) -> tuple[dict[str, Any], list[Record]]:
     Returns
     -------
     dict, list of dict
-        What is known of all volumes, and of each one that is there: "name", "residual",
+        Description of all volumes, and a record for each stored volume with "name", "residual",
         "iterations", "range" and "remarks".
 
     Examples
@@ -118,36 +118,36 @@ def series_in(path: PathLike) -> tuple[dict[str, Any], list[Record]]:
     >>> file = VolumeSeries(
     ...     "series.ome.tif", frames=2, shape=(3, 8, 9), planes=[-1e-6, 0.0, 1e-6],
     ...     voxel=(1e-6, 1e-6), description={})
-    >>> file.open(go_on=False)
+    >>> file.open(resume=False)
     0
     >>> file.append(np.ones((2, 3, 8, 9), np.float32), [{"name": "a"}, {"name": "b"}])
     >>> file.end()
     >>> about, records = clplen.io.series_in("series.ome.tif")
-    >>> about["planes_um"], [one["name"] for one in records]
+    >>> about["planes_um"], [record["name"] for record in records]
     ([-1.0, 0.0, 1.0], ['a', 'b'])
     """
     return _kind(Path(path)).stored(Path(path))
 
 
 def read_volume_series(path: PathLike, frame: int) -> Array:
-    """Read one volume of a series.
+    """Read a volume of a series.
 
     Parameters
     ----------
     path : path-like
         OME-TIFF (TZYX) or OME-Zarr (TCZYX) of `clplen microscope deconvolve`.
     frame : int
-        From 0.
+        Index of the volume, from 0.
 
     Returns
     -------
     numpy.ndarray
-        float32, shape (planes, y, x).
+        Volume of shape (planes, y, x), float32.
 
     Raises
     ------
     FormatError
-        If it is no such file, or has no such frame.
+        If the file is of another kind or has no such frame.
 
     Examples
     --------
@@ -155,7 +155,7 @@ def read_volume_series(path: PathLike, frame: int) -> Array:
     >>> file = VolumeSeries(
     ...     "series.ome.tif", frames=2, shape=(3, 8, 9), planes=[-1e-6, 0.0, 1e-6],
     ...     voxel=(1e-6, 1e-6), description={})
-    >>> file.open(go_on=False)
+    >>> file.open(resume=False)
     0
     >>> file.append(np.ones((2, 3, 8, 9), np.float32), [{"name": "a"}, {"name": "b"}])
     >>> file.end()
@@ -165,22 +165,22 @@ def read_volume_series(path: PathLike, frame: int) -> Array:
     path = Path(path)
     about, records = series_in(path)
     if not about:
-        raise FormatError(f"{path} is no series of volumes that clplen wrote.")
+        raise FormatError(f"{path} is not a series of volumes written by clplen.")
     if not 0 <= frame < len(records):
-        raise FormatError(f"{path} has frames 0 to {len(records) - 1}, not {frame}.")
-    series = _stored(path, about)
+        raise FormatError(f"frame must be 0 to {len(records) - 1} in {path}, got {frame}.")
+    series = _writer(path, about)
     if not series.holds(frame):
         raise FormatError(f"{path} is truncated or damaged: copy or write it again.")
     return series.read(frame)
 
 
-def count_whole(path: PathLike) -> int:
-    """Volumes of a series, from the first one on, that are there with all their bytes."""
+def count_complete(path: PathLike) -> int:
+    """Return the number of leading volumes of a series that have all their bytes."""
     about, records = series_in(path)
-    return _stored(Path(path), about).whole(records) if about else 0
+    return _writer(Path(path), about).count_complete(records) if about else 0
 
 
-def _stored(path: Path, about: dict[str, Any]) -> GrowingTiff | GrowingZarr:
+def _writer(path: Path, about: dict[str, Any]) -> GrowingTiff | GrowingZarr:
     planes, ny, nx = (int(n) for n in about["shape"])
     return _kind(path)(path, SeriesLayout(0, (planes, ny, nx), (1.0, 1.0), (0.0,), None))
 

@@ -1,6 +1,6 @@
-"""HDF5 files and Zarr stores as one kind of container: arrays and groups with attributes, by name.
+"""A common interface to HDF5 files and Zarr stores: named arrays and groups with attributes.
 
-`clplen.io.store.hdf5_files` and `clplen.io.store.zarr_files` hold the two classes.
+`clplen.io.store.hdf5_files` and `clplen.io.store.zarr_files` define the two classes.
 """
 
 from __future__ import annotations
@@ -21,61 +21,61 @@ Array = np.ndarray[Any, Any]
 
 @dataclass(frozen=True)
 class StoredArray:
-    """An array in an open container, none of whose samples were read."""
+    """Array in an open container, whose samples have not been read."""
 
-    name: str  # path in the container without slashes around it; empty if it is all of a store
+    name: str  # path in the container without outer slashes; empty for the root
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
     chunks: tuple[int, ...] | None
     item: Any  # h5py.Dataset or zarr.Array
-    path: Path  # of the container
-    # Returns some attributes as plain Python, without missing ones.
+    path: Path  # file or folder of the container
+    # Return the requested attributes as plain Python, leaving out missing ones.
     attributes: Callable[[Iterable[str]], dict[str, Any]]
-    # Returns what the container can hold of the array, each of whose chunks has to fit.
+    # Return the bound on the size of the array; reject chunks that exceed it.
     storage: Callable[[int | None], Bound]
 
     @property
     def what(self) -> str:
-        """The array as the subject of a sentence."""
+        """Name of the array as the subject of a sentence."""
         return f"the dataset {self.name!r}" if self.name else "its array"
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all samples."""
+        """Size of all samples in bytes."""
         return math.prod(self.shape) * self.dtype.itemsize
 
     def require_numbers(self, largest: int) -> None:
-        """Refuse an array of anything but real numbers, or of too many samples."""
+        """Raise FormatError unless the array holds at most ``largest`` real numbers."""
         if self.dtype.kind not in "buif" or math.prod(self.shape) > largest:
             raise FormatError(
-                f"{self.path}: {self.what} of shape {self.shape} holds {self.dtype}, not up to "
-                f"{largest} real numbers."
+                f"{self.path}: {self.what} must hold at most {largest} real numbers, got dtype "
+                f"{self.dtype} and shape {self.shape}."
             )
 
     def load(self, max_bytes: int | None) -> Array:
-        """Read all samples; refuse more than the container or the memory can hold."""
+        """Read all samples; raise an error if they exceed the container or the memory."""
         self.storage(max_bytes).require(self.nbytes, self.what)
         return np.asarray(self.item[...])
 
 
 class Container(Protocol):
-    """An HDF5 file or a Zarr store that is open."""
+    """Open HDF5 file or Zarr store."""
 
     path: Path
 
     def array(self, name: str) -> StoredArray | None:
-        """Return an array; None where there is none of this name."""
+        """Return an array by its name, or None."""
 
     def arrays(self) -> dict[str, StoredArray]:
         """Return all arrays by their names."""
 
     def group(self, name: str, attributes: Iterable[str]) -> dict[str, Any] | None:
-        """Return some attributes of a group; None where there is no group."""
+        """Return the requested attributes of a group, or None if it does not exist."""
 
     def write(
         self, name: str, values: Array, *, chunks: tuple[int, ...] | None = None, **attributes: Any
     ) -> None:
-        """Write an array; HDF5 keeps it as a whole, whatever the chunks."""
+        """Write an array; HDF5 ignores ``chunks``."""
 
     def write_group(self, name: str, attributes: dict[str, Any]) -> None:
-        """Make a group with attributes."""
+        """Create a group with attributes."""

@@ -1,4 +1,4 @@
-"""What a file or folder holds, as one number, and how large it is."""
+"""Digests and sizes of files and folders."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from pathlib import Path
 
 from clplen.files import PathLike
 
-_BLOCK = 4 << 20  # bytes that are read at once
+_BLOCK_BYTES = 4 << 20  # bytes read at a time
 
 
 def digest(path: PathLike, *, algorithm: str = "sha256") -> str:
     """Return the digest of a file, or of all files in a folder with their names.
 
-    That of a folder is taken over ``NAME\\0DIGEST\\n`` of each file in it, however deep, by the
-    bytes of NAME, which is relative with slashes. Empty folders, times and permissions do not
-    count.
+    The digest of a folder is taken over ``NAME\\0DIGEST\\n`` of each file in it and its subfolders,
+    sorted by the bytes of NAME. NAME is the relative path with slashes. Empty folders, times and
+    permissions have no influence.
 
     Parameters
     ----------
     path : path-like
         A file or folder; read in blocks of 4 MiB.
     algorithm : str
-        Any of a fixed length in `hashlib.algorithms_guaranteed`.
+        Name in `hashlib.algorithms_guaranteed`, of fixed length.
 
     Returns
     -------
@@ -33,25 +33,27 @@ def digest(path: PathLike, *, algorithm: str = "sha256") -> str:
     Raises
     ------
     ValueError, FileNotFoundError
-        If there is no such algorithm; if there is nothing of this name.
+        If the algorithm is unknown; if the path does not exist.
     """
     if algorithm not in hashlib.algorithms_guaranteed or algorithm.startswith("shake"):
-        raise ValueError(f"There is no digest {algorithm!r}: take 'sha256'.")
+        raise ValueError(
+            f"algorithm must be a digest of fixed length, got {algorithm!r}: use 'sha256'."
+        )
     path = Path(path)
     if not path.is_dir():
-        return _of_file(path, algorithm)
+        return _file_digest(path, algorithm)
     total = hashlib.new(algorithm)
     for file in _files(path):
         name = os.fsencode(file.relative_to(path).as_posix())
-        total.update(name + b"\0" + _of_file(file, algorithm).encode() + b"\n")
+        total.update(name + b"\0" + _file_digest(file, algorithm).encode() + b"\n")
     return total.hexdigest()
 
 
 def size_of(path: PathLike) -> int:
-    """Return the bytes of a file, or of all files in a folder together."""
+    """Return the size in bytes of a file, or of all files in a folder."""
     path = Path(path)
     files = _files(path) if path.is_dir() else [path]
-    return sum(_there(file).stat().st_size for file in files)
+    return sum(_existing(file).stat().st_size for file in files)
 
 
 def _files(folder: Path) -> list[Path]:
@@ -59,15 +61,15 @@ def _files(folder: Path) -> list[Path]:
     return sorted(files, key=lambda file: os.fsencode(file.relative_to(folder).as_posix()))
 
 
-def _of_file(path: Path, algorithm: str) -> str:
+def _file_digest(path: Path, algorithm: str) -> str:
     total = hashlib.new(algorithm)
-    with _there(path).open("rb") as file:
-        while block := file.read(_BLOCK):
+    with _existing(path).open("rb") as file:
+        while block := file.read(_BLOCK_BYTES):
             total.update(block)
     return total.hexdigest()
 
 
-def _there(path: Path) -> Path:
+def _existing(path: Path) -> Path:
     if not path.is_file():
         raise FileNotFoundError(f"There is no file or folder {path}.")
     return path

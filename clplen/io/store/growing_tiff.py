@@ -1,7 +1,7 @@
-"""OME-TIFF of a time series of volumes, TZYX: under a hidden name until its last volume is there.
+"""OME-TIFF of a time series of volumes (TZYX), under a hidden name until it is complete.
 
-A TIFF names all its pages in advance: the file is laid out first, each batch of volumes takes its
-place, and a small file beside it counts those that the disk has. Whole, it takes its own name.
+A TIFF lists all its pages in advance: the file is laid out first, then filled batch by batch. A
+small file beside it counts the volumes on disk. The complete file is renamed.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import tifffile
 
-from clplen.files import replacing, said_of
+from clplen.files import replacing, write_errors
 from clplen.io.store.ome_tiff import BIG, ome_metadata
 from clplen.io.store.picture_blocks import Array
 from clplen.io.store.picture_series import describe_series, ome_of
@@ -29,12 +29,12 @@ _NAMESPACE = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
 
 
 class GrowingTiff:
-    """A series in an OME-TIFF.
+    """Time series of volumes in an OME-TIFF.
 
     Attributes
     ----------
     records : list of dict
-        What is said of each volume that is there.
+        Description of each stored volume.
     """
 
     def __init__(self, path: Path, layout: SeriesLayout) -> None:
@@ -44,15 +44,15 @@ class GrowingTiff:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all volumes."""
+        """Size of all volumes in bytes."""
         return 4 * self.layout.frames * math.prod(self.layout.shape)
 
     @staticmethod
     def stored(path: Path) -> tuple[dict[str, Any], list[Record]]:
-        """Description and records of what is there, whole or not; empty of anything else."""
-        with suppress(Exception):  # what others wrote, or nothing
+        """Return description and records of a series on disk, complete or not; empty otherwise."""
+        with suppress(Exception):  # foreign or missing file
             if _is_begun(path):
-                text = _counted(path).read_text(encoding="utf-8")
+                text = _progress_file(path).read_text(encoding="utf-8")
             else:
                 text = json.dumps(describe_series(path))
             about, records = checked_series(json.loads(text))
@@ -61,13 +61,13 @@ class GrowingTiff:
         return {}, []
 
     def begin(self) -> None:
-        """Lay out the file, of volumes of 0; what was there under its own name stays so far."""
+        """Create the file with volumes of zeros; an existing file keeps its name until the end."""
         layout = self.layout
-        places = () if layout.depth is not None else layout.planes * layout.frames
-        metadata = ome_metadata("TZYX", layout.about, layout.voxel, layout.depth, places)
+        planes = () if layout.depth is not None else layout.planes * layout.frames
+        metadata = ome_metadata("TZYX", layout.about, layout.voxel, layout.depth, planes)
         hidden = _hidden(self.path)
-        with said_of(self.path):
-            hidden.unlink(missing_ok=True)  # a link could lead to a file of others
+        with write_errors(self.path):
+            hidden.unlink(missing_ok=True)  # a link could point elsewhere
             with tifffile.TiffWriter(hidden, ome=True, bigtiff=self.nbytes > BIG) as writer:
                 self._start, _ = writer.write(
                     shape=(layout.frames, *layout.shape),
@@ -80,27 +80,27 @@ class GrowingTiff:
         self._count()
 
     def resume(self, records: list[Record]) -> None:
-        """Go on after so many volumes."""
+        """Continue after the volumes of ``records``."""
         self.records = list(records)
         self._start = self._offset()
         self._count()
 
-    def whole(self, records: list[Record]) -> int:
-        """Volumes that are there: all of `records`, or none where the file is damaged."""
+    def count_complete(self, records: list[Record]) -> int:
+        """Return the number of complete volumes: all of ``records``, or 0 for a damaged file."""
         return len(records) if self.holds(len(records) - 1) else 0
 
     def holds(self, t: int) -> bool:
-        """Return whether the file has all bytes of the volume of a time point."""
+        """Return True if the file has all bytes of the volume at time point ``t``."""
         try:
-            wanted = self._offset() + 4 * (t + 1) * math.prod(self.layout.shape)
-            return self._file().stat().st_size >= wanted
-        except Exception:  # tifffile raises all kinds on damaged files
+            required = self._offset() + 4 * (t + 1) * math.prod(self.layout.shape)
+            return self._file().stat().st_size >= required
+        except Exception:  # tifffile raises any exception on damaged files
             return False
 
     def append(self, volumes: Sequence[Array], records: Sequence[Record]) -> None:
-        """Put volumes, float32 (planes, y, x), to their places."""
+        """Write volumes, float32 of shape (planes, y, x), into the file."""
         nbytes = 4 * math.prod(self.layout.shape)
-        with said_of(self.path), _hidden(self.path).open("r+b") as file:
+        with write_errors(self.path), _hidden(self.path).open("r+b") as file:
             file.seek(self._start + nbytes * len(self.records))
             for volume in volumes:
                 file.write(np.ascontiguousarray(volume, "<f4").data)
@@ -110,16 +110,16 @@ class GrowingTiff:
         self._count()
 
     def read(self, t: int) -> Array:
-        """The volume of a time point, as it was given."""
+        """Return the volume of a time point."""
         shape = self.layout.shape
         count = math.prod(shape)
         offset = self._offset() + 4 * count * t
         return np.fromfile(self._file(), "<f4", count, offset=offset).reshape(shape)
 
     def end(self) -> None:
-        """Give the whole file what is said of its volumes, and its own name."""
+        """Write the records into the complete file, and rename it."""
         hidden = _hidden(self.path)
-        with said_of(self.path):
+        with write_errors(self.path):
             root = ome_of(hidden)
             ET.register_namespace("", _NAMESPACE)
             for item in root.iter():
@@ -130,7 +130,7 @@ class GrowingTiff:
             with hidden.open("r+b") as file:
                 os.fsync(file.fileno())
             os.replace(hidden, self.path)
-            _counted(self.path).unlink(missing_ok=True)
+            _progress_file(self.path).unlink(missing_ok=True)
 
     def _file(self) -> Path:
         return _hidden(self.path) if _is_begun(self.path) else self.path
@@ -140,21 +140,22 @@ class GrowingTiff:
             return int(file.pages.first.dataoffsets[0])
 
     def _count(self) -> None:
-        with replacing(_counted(self.path), durable=True) as temporary:
+        with replacing(_progress_file(self.path), durable=True) as temporary:
             about = {**self.layout.about, "records": self.records, "software": MARK}
             temporary.write_text(json.dumps(about), encoding="utf-8")
 
 
 def _hidden(path: Path) -> Path:
-    """The file while volumes are missing."""
+    """Return the name of the incomplete file."""
     return path.with_name(f".{path.stem}.unfinished{path.suffix}")
 
 
-def _counted(path: Path) -> Path:
-    """What counts its volumes."""
+def _progress_file(path: Path) -> Path:
+    """Return the name of the file that counts the stored volumes."""
     return path.with_name(f".{path.stem}.unfinished.json")
 
 
 def _is_begun(path: Path) -> bool:
-    """Return whether there is a file with missing volumes, and what counts them; no links."""
-    return all(one.is_file() and not one.is_symlink() for one in (_hidden(path), _counted(path)))
+    """Return True if an incomplete file and its progress file exist and are not links."""
+    files = (_hidden(path), _progress_file(path))
+    return all(file.is_file() and not file.is_symlink() for file in files)

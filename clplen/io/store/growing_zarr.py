@@ -1,9 +1,8 @@
-"""OME-Zarr of a time series of volumes that grows frame by frame: always whole, always readable.
+"""OME-Zarr of a time series of volumes that grows frame by frame and is always readable.
 
-OME-NGFF 0.4 with the axes t, c, z, y, x; a chunk is all planes of a time point (of at most 512 x
-512 pixels), a file of its own. Chunks of new time points are on the disk before the arrays' length
-says so, and the length before the attribute that counts them: whatever moment the process is
-killed at, readers see whole time points only.
+OME-NGFF 0.4 with the axes t, c, z, y, x. A chunk is a file with all planes of a time point, of at
+most 512 x 512 pixels. Chunks are written first, then the length of the arrays, then the attribute
+that counts the time points: readers see complete time points only, even after a crash.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.files import filling, replacing, said_of
+from clplen.files import filling, replacing, write_errors
 from clplen.io.store.ome_zarr import (
     chunk_sides,
     create_level,
@@ -33,40 +32,40 @@ from clplen.io.store.series_layout import Record, SeriesLayout, checked_series
 from clplen.io.store.zarr_files import FORMAT_2, zarr_package
 from clplen.outputs import MARK
 
-_INSTEAD = "write .ome.tif"
+_ALTERNATIVE = "write .ome.tif"
 _AXES = "TCZYX"
 
 
 class GrowingZarr:
-    """A series in an OME-Zarr folder.
+    """Time series of volumes in an OME-Zarr folder.
 
     Attributes
     ----------
     records : list of dict
-        What is said of each volume that is there.
+        Description of each stored volume.
     """
 
     def __init__(self, path: Path, layout: SeriesLayout) -> None:
-        zarr_package(_INSTEAD)
+        zarr_package(_ALTERNATIVE)
         self.path, self.layout = path, layout
         self.records: list[Record] = []
         self._sizes = level_sizes(layout.shape, "ZYX")
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all volumes with their smaller levels."""
+        """Size of all volumes and their reduced levels in bytes."""
         return 4 * self.layout.frames * sum(map(math.prod, self._sizes))
 
     @staticmethod
     def stored(path: Path) -> tuple[dict[str, Any], list[Record]]:
-        """Description and records of what is there; empty of what is no such series."""
-        with suppress(Exception):  # what others wrote, or nothing
+        """Return description and records of a series on disk; empty for anything else."""
+        with suppress(Exception):  # foreign or missing file
             return checked_series(_read_json(path / ".zattrs")["clplen"])
         return {}, []
 
     def begin(self) -> None:
-        """Make the folder, without a time point; what was there goes."""
-        zarr = zarr_package(_INSTEAD)
+        """Create the folder without time points, replacing an existing one."""
+        zarr = zarr_package(_ALTERNATIVE)
         with filling(self.path, durable=True, replace=True) as folder:
             for level, size in enumerate(self._sizes):
                 chunks = (1, 1, size[0], *chunk_sides(size))
@@ -75,9 +74,9 @@ class GrowingZarr:
             _write_json(folder / ".zattrs", self._attributes())
 
     def resume(self, records: list[Record]) -> None:
-        """Go on after so many time points; later ones go."""
+        """Continue after the time points of ``records``, and remove later ones."""
         self.records = list(records)
-        with said_of(self.path):
+        with write_errors(self.path):
             _write_json(self.path / ".zattrs", self._attributes())
             for level in range(len(self._sizes)):
                 self._set_length(level, len(records))
@@ -86,38 +85,38 @@ class GrowingZarr:
                     if is_time and int(name.name) >= len(records):
                         shutil.rmtree(name)
 
-    def whole(self, records: list[Record]) -> int:
-        """Time points from the first one on whose files all have their size."""
-        if not all(map(self._is_own, range(len(self._sizes)))):
+    def count_complete(self, records: list[Record]) -> int:
+        """Return the number of leading time points whose files all have the right size."""
+        if not all(map(self._is_valid_level, range(len(self._sizes)))):
             return 0
         missing = (t for t in range(len(records)) if not self.holds(t))
         return next(missing, len(records))
 
     def holds(self, t: int) -> bool:
-        """Return whether all files of a time point have their size."""
+        """Return True if all files of a time point have the right size."""
         for level, size in enumerate(self._sizes):
             sides = chunk_sides(size)
             nbytes = 4 * size[0] * math.prod(sides)
-            for i, k in _places(size, sides):
+            for i, k in _chunk_indices(size, sides):
                 name = self._chunk(level, t, i, k)
                 if not name.is_file() or name.stat().st_size != nbytes:
                     return False
         return True
 
-    def _is_own(self, level: int) -> bool:
-        """Return whether a level is a folder of this series, not a link to one of others."""
+    def _is_valid_level(self, level: int) -> bool:
+        """Return True if a level is a folder of this series and not a link."""
         folder = self.path / str(level)
-        with suppress(Exception):  # what others wrote
+        with suppress(Exception):  # foreign file
             shape = list(_read_json(folder / ".zarray")["shape"])
             return not folder.is_symlink() and shape[1:] == [1, *self._sizes[level]]
         return False
 
     def append(self, volumes: Sequence[Array], records: Sequence[Record]) -> None:
-        """Add volumes, float32 (planes, y, x), with what is said of each."""
-        with said_of(self.path):
+        """Add volumes, float32 of shape (planes, y, x), with their records."""
+        with write_errors(self.path):
             for t, volume in enumerate(volumes, start=len(self.records)):
                 for level, size in enumerate(self._sizes):
-                    volume = volume if level == 0 else np.stack([means(one) for one in volume])
+                    volume = volume if level == 0 else np.stack([means(plane) for plane in volume])
                     self._write(level, t, size, volume)
             self.records += records
             for level in reversed(range(len(self._sizes))):
@@ -125,26 +124,26 @@ class GrowingZarr:
             _write_json(self.path / ".zattrs", self._attributes())
 
     def read(self, t: int) -> Array:
-        """The volume of a time point, as it was given."""
+        """Return the volume of a time point."""
         size = self._sizes[0]
-        sides, found = chunk_sides(size), np.empty(size, np.float32)
-        for i, k in _places(size, sides):
+        sides, volume = chunk_sides(size), np.empty(size, np.float32)
+        for i, k in _chunk_indices(size, sides):
             part = np.fromfile(self._chunk(0, t, i, k), "<f4").reshape(size[0], *sides)
-            rows, columns = _part(i, sides[0], size[1]), _part(k, sides[1], size[2])
+            rows, columns = _chunk_slice(i, sides[0], size[1]), _chunk_slice(k, sides[1], size[2])
             high, wide = rows.stop - rows.start, columns.stop - columns.start
-            found[:, rows, columns] = part[:, :high, :wide]
-        return found
+            volume[:, rows, columns] = part[:, :high, :wide]
+        return volume
 
     def end(self) -> None:
-        """Nothing is left to do: the folder is whole after each time point."""
+        """Do nothing: the folder is complete after each time point."""
 
     def _write(self, level: int, t: int, size: tuple[int, ...], volume: Array) -> None:
         sides = chunk_sides(size)
-        for i, k in _places(size, sides):
+        for i, k in _chunk_indices(size, sides):
             name = self._chunk(level, t, i, k)
             name.parent.mkdir(parents=True, exist_ok=True)
             full = np.zeros((size[0], *sides), "<f4")
-            part = volume[:, _part(i, sides[0], size[1]), _part(k, sides[1], size[2])]
+            part = volume[:, _chunk_slice(i, sides[0], size[1]), _chunk_slice(k, sides[1], size[2])]
             full[:, : part.shape[1], : part.shape[2]] = part
             with name.open("wb") as file:
                 file.write(full.data)
@@ -160,11 +159,14 @@ class GrowingZarr:
         _write_json(name, {**about, "shape": [frames, *about["shape"][1:]]})
 
     def _attributes(self) -> dict[str, Any]:
-        """OME's metadata and what is said of the volumes."""
+        """Return the OME metadata and the records of the volumes."""
         layout = self.layout
         spacing = (math.nan, math.nan, *layout.voxel)
-        low = [record["range"] for record in self.records]
-        limits = (min((a for a, _ in low), default=0.0), max((b for _, b in low), default=0.0))
+        ranges = [record["range"] for record in self.records]
+        limits = (
+            min((a for a, _ in ranges), default=0.0),
+            max((b for _, b in ranges), default=0.0),
+        )
         scales = multiscales(self.path, self._sizes, _AXES, spacing, layout.depth, layout.first)
         return {
             "multiscales": [scales],
@@ -174,17 +176,17 @@ class GrowingZarr:
         }
 
 
-def _places(size: tuple[int, ...], sides: tuple[int, int]) -> Iterator[tuple[int, int]]:
+def _chunk_indices(size: tuple[int, ...], sides: tuple[int, int]) -> Iterator[tuple[int, int]]:
     rows, columns = (range(-(-n // side)) for n, side in zip(size[-2:], sides, strict=True))
     return ((i, k) for i in rows for k in columns)
 
 
-def _part(number: int, side: int, total: int) -> slice:
+def _chunk_slice(number: int, side: int, total: int) -> slice:
     return slice(number * side, min((number + 1) * side, total))
 
 
 def _read_json(path: Path) -> Any:
-    if not path.is_file():  # a pipe would be waited for
+    if not path.is_file():  # a pipe would block
         raise FileNotFoundError(f"There is no file {path}.")
     return json.loads(path.read_text(encoding="utf-8"))
 

@@ -1,4 +1,4 @@
-"""OME-TIFF: linear float32 pictures with their axes, pixel sizes in micrometres and a description.
+"""OME-TIFF of linear float32 pictures with axes, pixel sizes in micrometres and a description.
 
 OME data model 2016-06 (Goldberg et al., Genome Biology 6, R47, 2005); the description is JSON.
 """
@@ -22,8 +22,8 @@ from clplen.io.store.picture_blocks import Array, Block, checked_blocks, write_r
 from clplen.lightfield.raw.raw_image import Spacing
 from clplen.outputs import MARK
 
-CHANNELS = "channels"  # key of a description: an axis of that length, which TIFF leaves out
-BIG = (1 << 32) - (1 << 25)  # bytes from which on BigTIFF is written; the rest is for the heads
+CHANNELS = "channels"  # description key: length of an axis that TIFF leaves out
+BIG = (1 << 32) - (1 << 25)  # bytes above which BigTIFF is written; leaves 32 MiB for headers
 
 
 def write_ome(
@@ -39,13 +39,13 @@ def write_ome(
     positions: Sequence[float] = (),
     durable: bool = False,
 ) -> None:
-    """Write pictures as one series of OME-TIFF, float32; BigTIFF from 4 GB on.
+    """Write float32 pictures as a series of OME-TIFF; use BigTIFF above 4 GB.
 
-    The file is laid out first, without compression, and each block then goes to its place, so that
-    no more than one plane of one block is held besides the block.
+    The uncompressed file is laid out first, then each block is written at its offset. Memory use is
+    one block and one of its planes.
     """
     stored = shape if axes[0] in "ZC" else shape[1:]
-    if shape[3:] == (1,):  # TIFF knows no axis of one sample: the description keeps it
+    if shape[3:] == (1,):  # TIFF has no axis of length 1: the description records it
         stored, axes = stored[:-1], axes.removesuffix("S")
         description = {**description, CHANNELS: 1}
     pixel = None if spacing is None else (abs(spacing[2]), abs(spacing[3]))
@@ -80,25 +80,25 @@ def ome_metadata(
     depth: float | None,
     positions: Sequence[float],
 ) -> dict[str, Any]:
-    """Return what tifffile writes into OME: sizes (dy, dx) and z, given in metres, in um."""
+    """Return the OME metadata for tifffile; convert sizes (dy, dx) and z from metres to um."""
     metadata: dict[str, Any] = {"axes": axes, "Description": json.dumps(description)}
     steps = {"Z": depth} if pixel is None else {"Y": pixel[0], "X": pixel[1], "Z": depth}
     for axis, step in steps.items():
         if step is not None:
             metadata |= {f"PhysicalSize{axis}": abs(step) * 1e6, f"PhysicalSize{axis}Unit": "µm"}
     if positions:
-        places = [round(z * 1e6, 9) for z in positions]
-        metadata["Plane"] = {"PositionZ": places, "PositionZUnit": ["µm"] * len(places)}
+        heights = [round(z * 1e6, 9) for z in positions]
+        metadata["Plane"] = {"PositionZ": heights, "PositionZUnit": ["µm"] * len(heights)}
     return metadata
 
 
 def read_ome_page(path: PathLike, index: int, *, max_bytes: int | None = None) -> Array:
-    """One picture of an OME-TIFF, as stored."""
+    """Read a picture of an OME-TIFF."""
     path = Path(path)
     try:
         (page,) = next(read_tiff_stacks(path, [[index]], max_bytes=max_bytes))
         return page
     except FormatError:
         raise
-    except Exception as error:  # tifffile raises all kinds on damaged files
-        raise FormatError(f"{path} cannot be read ({str(error)[:200]}).") from error
+    except Exception as error:  # tifffile raises any exception on damaged files
+        raise FormatError(f"Cannot read {path} ({str(error)[:200]}).") from error

@@ -1,9 +1,9 @@
-"""OPD maps in HDF5 and Zarr: a group with the arrays of `OPDMaps`, in SI units.
+"""OPD maps in HDF5 and Zarr: a group with the arrays of `OPDMaps` in SI units.
 
 Arrays ``path``, ``transmission`` and ``edge`` (wavelengths, fields, v, u), ``fields`` (fields, 2),
 ``distortion`` and ``pupil_shift`` (wavelengths, fields, 2), and ``wavelengths`` where there are
-any; attributes ``symmetric``, ``pupil_distance`` and ``pupil_diameter``, the latter two where they
-are known. With a camera it lies in its group, as ``camera/opd``.
+any; attributes ``symmetric`` and, if known, ``pupil_distance`` and ``pupil_diameter``. The group of
+a camera has them as ``camera/opd``.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from clplen.cameras.standard_camera import Plenoptic1
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io.formats.untrusted import UNREADABLE
-from clplen.io.store.attributes import CAMERA, CAMERA_NAMES, of_camera, read_camera
+from clplen.io.store.attributes import CAMERA, CAMERA_NAMES, camera_attributes, read_camera
 from clplen.io.store.containers import Container
 
 OPD = "opd"
@@ -30,21 +30,21 @@ SYMMETRIC = "symmetric"
 
 
 def write_maps(container: Container, name: str, maps: OPDMaps) -> None:
-    """Write maps as a group of a container."""
+    """Write OPD maps as a group of a container."""
     values = maps.values()
-    known = {number: values[number] for number in NUMBERS if values[number] is not None}
-    container.write_group(name, {SYMMETRIC: maps.symmetric} | known)
+    numbers = {number: values[number] for number in NUMBERS if values[number] is not None}
+    container.write_group(name, {SYMMETRIC: maps.symmetric} | numbers)
     for array in ARRAYS:
         if values[array] is not None:
             container.write(f"{name}/{array}", values[array])
 
 
 def write_camera(container: Container, camera: Any) -> None:
-    """Write a camera of this package with its maps as a group of its own."""
-    known = of_camera(camera)
-    if known is None:
+    """Write a camera and its OPD maps as a group; skip cameras that cannot be stored."""
+    attributes = camera_attributes(camera)
+    if attributes is None:
         return
-    container.write_group(CAMERA, known)
+    container.write_group(CAMERA, attributes)
     aberrations = getattr(camera, "aberrations", None)
     if aberrations is not None and aberrations.main_lens_opd is not None:
         write_maps(container, f"{CAMERA}/{OPD}", aberrations.main_lens_opd)
@@ -53,7 +53,7 @@ def write_camera(container: Container, camera: Any) -> None:
 def read_stored_camera(
     container: Container, device: Device, max_bytes: int | None = None
 ) -> Plenoptic1 | Plenoptic2 | Microscope | None:
-    """Read the camera of a light field or raw image; None without one of a known kind."""
+    """Read the camera of a light field or raw image; return None for an unknown kind."""
     values = container.group(CAMERA, CAMERA_NAMES)
     if values is None:
         return None
@@ -62,7 +62,7 @@ def read_stored_camera(
 
 
 def read_maps(container: Container, name: str, max_bytes: int | None = None) -> OPDMaps | None:
-    """Read the maps in a group of a container; None without such a group."""
+    """Read the OPD maps in a group of a container, or return None without the group."""
     path = container.path
     numbers = container.group(name, (SYMMETRIC, *NUMBERS))
     if numbers is None:
@@ -71,22 +71,22 @@ def read_maps(container: Container, name: str, max_bytes: int | None = None) -> 
     for array in ARRAYS:
         stored = container.array(f"{name}/{array}")
         if stored is None and array in ("path", "fields"):
-            raise FormatError(f"The OPD maps in {path} lack the array {array!r}.")
+            raise FormatError(f"The OPD maps in {path} have no array {array!r}.")
         if stored is None:
             continue
         if stored.dtype.kind not in "iuf":
             raise FormatError(
-                f"{path}: {array!r} of the OPD maps holds {stored.dtype}, not numbers."
+                f"{path}: {array!r} of the OPD maps must hold numbers, got {stored.dtype}."
             )
         wider = 8 // stored.dtype.itemsize or 1
         stored.storage(max_bytes).wider(wider).require(
             8 * math.prod(stored.shape), f"{array!r} of the OPD maps"
         )
         arrays[array] = np.asarray(stored.item[...], np.float64)
-    known = {number: float(numbers[number]) for number in NUMBERS if number in numbers}
+    pupil = {number: float(numbers[number]) for number in NUMBERS if number in numbers}
     try:
         return OPDMaps(
-            arrays.pop("path"), **arrays, **known, symmetric=bool(numbers.get(SYMMETRIC, False))
+            arrays.pop("path"), **arrays, **pupil, symmetric=bool(numbers.get(SYMMETRIC, False))
         )
     except UNREADABLE as error:
-        raise FormatError(f"The OPD maps in {path} are none: {error}") from error
+        raise FormatError(f"The OPD maps in {path} are invalid: {error}") from error

@@ -1,4 +1,4 @@
-"""Parts of large pictures, in the order in which they become known, on their way into files."""
+"""Blocks of large pictures, written to files in the order in which they are computed."""
 
 from __future__ import annotations
 
@@ -16,29 +16,28 @@ Block = tuple[slice, slice, slice, Array]  # planes, rows, columns and their sam
 
 
 class Tiles(Protocol):
-    """A focal stack that comes in parts, such as those of `clplen.lightfield.stack_tiles`.
+    """Focal stack that is computed in parts, such as by `clplen.lightfield.stack_tiles`.
 
-    Iterated over once, it gives (planes, rows, columns, pictures): three slices of the whole stack
-    and float32 of shape (planes, rows, columns[, c]). Together they are the whole, each sample
-    once.
+    Its iterator yields (planes, rows, columns, pictures): three slices of the whole stack and
+    float32 samples of shape (planes, rows, columns[, c]). The parts cover each sample once.
 
     Parameters
     ----------
     *args, **kwargs : object
-        Of the class that fulfils the protocol; the protocol itself is not made.
+        Arguments of the implementing class; the protocol itself is not instantiated.
 
     Attributes
     ----------
     shape : tuple of int
-        (n, y, x[, c]).
+        Shape (n, y, x[, c]).
     disparities : numpy.ndarray
-        Shape (n,), float64: pixels a view step, nearer larger.
+        Disparity in pixels per view step, larger when nearer; float64 of shape (n,).
     alphas : numpy.ndarray
-        Shape (n,), float64: F/F'; NaN where unknown.
+        Ratio F/F', NaN where unknown; float64 of shape (n,).
     spacing : tuple of float or None
         Signed (dv, du, dy, dx) in metres.
     camera : CameraModel or None
-        The camera that took it, when known.
+        Camera of the light field, if known.
 
     Examples
     --------
@@ -52,15 +51,15 @@ class Tiles(Protocol):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """(n, y, x[, c])."""
+        """Shape (n, y, x[, c])."""
 
     @property
     def disparities(self) -> Array:
-        """float64, shape (n,): pixels a view step, nearer larger."""
+        """Disparities in pixels per view step, larger when nearer; float64, shape (n,)."""
 
     @property
     def alphas(self) -> Array:
-        """float64, shape (n,): F/F'; NaN where unknown."""
+        """Ratios F/F', NaN where unknown; float64, shape (n,)."""
 
     @property
     def spacing(self) -> Spacing | None:
@@ -68,50 +67,50 @@ class Tiles(Protocol):
 
     @property
     def camera(self) -> CameraModel | None:
-        """The camera that took it, when known."""
+        """Camera of the light field, if known."""
 
     def __iter__(self) -> Iterator[Block]: ...
 
 
 def as_block(values: Array) -> list[Block]:
-    """An array in host memory as one block."""
+    """Return an array in host memory as one block."""
     planes, rows, columns = (slice(0, n) for n in values.shape[:3])
     return [(planes, rows, columns, values)]
 
 
 def checked_blocks(blocks: Iterable[Block], shape: tuple[int, ...]) -> Generator[Block, None, None]:
-    """Pass blocks on as float32, and make sure that they make up the whole."""
+    """Yield blocks as float32; raise an error unless they cover the whole."""
     iterator = iter(blocks)
-    found = 0
+    count = 0
     try:
         for planes, rows, columns, values in iterator:
-            places = [
+            slices = [
                 slice(*part.indices(n)[:2])
                 for n, part in zip(shape[:3], (planes, rows, columns), strict=True)
             ]
-            wanted = (*(max(0, part.stop - part.start) for part in places), *shape[3:])
-            if values.shape != wanted:
+            expected = (*(max(0, part.stop - part.start) for part in slices), *shape[3:])
+            if values.shape != expected:
                 raise ShapeError(
-                    f"A block of planes {planes}, rows {rows} and columns {columns} has shape "
-                    f"{wanted}, not {values.shape}."
+                    f"A block of planes {planes}, rows {rows} and columns {columns} must have "
+                    f"shape {expected}, got {values.shape}."
                 )
-            found += values.size
+            count += values.size
             if values.size:
-                yield places[0], places[1], places[2], values.astype(np.float32, copy=False)
+                yield slices[0], slices[1], slices[2], values.astype(np.float32, copy=False)
     finally:
         close = getattr(iterator, "close", None)
         if close is not None:
             close()
-    if found != math.prod(shape):
+    if count != math.prod(shape):
         raise ValueError(
-            f"The blocks hold {found:,} samples of the {math.prod(shape):,} of {shape}: give each "
-            "once."
+            f"The blocks must cover all {math.prod(shape):,} samples of {shape} once, got "
+            f"{count:,}."
         )
 
 
 def write_rows(file: BinaryIO, values: Array, *, start: int, step: int) -> None:
-    """Write a part of a picture to its place in a file, without a map, which counts as memory."""
-    together = values[0].nbytes == step
-    for number, run in enumerate([values] if together else values):
+    """Write a part of a picture at its offset in a file; a memory map would count as memory."""
+    is_contiguous = values[0].nbytes == step
+    for number, run in enumerate([values] if is_contiguous else values):
         file.seek(start + number * step)
         file.write(np.ascontiguousarray(run).data)

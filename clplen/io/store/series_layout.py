@@ -1,4 +1,4 @@
-"""What a file of a series of volumes holds, whatever its format."""
+"""Layout of a file of a series of volumes, independent of its format."""
 
 from __future__ import annotations
 
@@ -6,35 +6,35 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-Record = dict[str, Any]  # "name", "residual", "iterations", "range", "remarks" of a volume
+Record = dict[str, Any]  # keys: "name", "residual", "iterations", "range", "remarks"
 
 
 @dataclass(frozen=True)
 class SeriesLayout:
-    """Volumes of a series, all alike."""
+    """Layout of a series of volumes of equal shape."""
 
-    frames: int  # of the whole series
-    shape: tuple[int, int, int]  # (planes, y, x) of each
+    frames: int  # number of volumes
+    shape: tuple[int, int, int]  # (planes, y, x) of a volume
     voxel: tuple[float, float]  # (dy, dx) in metres
     planes: tuple[float, ...]  # z of each plane in metres
-    depth: float | None  # distance of planes that are equidistant, in metres
-    # What else is known of all of them, of JSON.
+    depth: float | None  # distance of equidistant planes in metres
+    # Further description of the series, of JSON values.
     about: dict[str, Any] = field(default_factory=dict)
 
     @property
     def first(self) -> float:
-        """z of the first plane, where its place can be said."""
+        """Depth z of the first plane in metres; 0 if the planes are not equidistant."""
         return self.planes[0] if self.depth is not None else 0.0
 
 
 def checked_series(content: Any) -> tuple[dict[str, Any], list[Record]]:
-    """Return description and records of a series, out of JSON of unknown origin."""
+    """Return description and records of a series from untrusted JSON."""
     about = dict(content)
     records, shape, batch = about.pop("records"), about["shape"], about.get("batch", 1)
     if len(shape) != 3 or not all(type(n) is int and n > 0 for n in (*shape, batch)):
-        raise ValueError("the shape of its volumes is none")
+        raise ValueError("the shape of its volumes is invalid")
     for record in records:
         low, high = record["range"]
         if not math.isfinite(low - high):
-            raise ValueError("the range of a volume is none")
+            raise ValueError("the range of a volume is not finite")
     return about, list(records)

@@ -1,4 +1,4 @@
-"""Zarr stores: the package zarr, version 3, of the extra ``zarr``, and what a store declares."""
+"""Read and write Zarr stores with the package zarr, version 3, of the extra ``zarr``."""
 
 from __future__ import annotations
 
@@ -20,34 +20,34 @@ from clplen.io.store.containers import Array, StoredArray
 from clplen.outputs import MARK
 
 SUFFIX = ".zarr"
-MARKS = (".zgroup", ".zarray", "zarr.json")  # one of them lies in the root of a store
-FORMAT_2: dict[str, Any] = {"zarr_format": 2}  # what is written, and what most programs read
-_RATIO = 32768.0  # of Zstandard, blocks of 128 KiB in 4 bytes (RFC 8878); others pack less
-_SPARSE = 4  # chunks that are not there hold the fill value: a quarter has to be there
-_DEPTH = 4  # groups in groups that are looked into
-_FEW = 1000  # chunks that any array may lack
+MARKS = (".zgroup", ".zarray", "zarr.json")  # files that mark the root of a store
+FORMAT_2: dict[str, Any] = {"zarr_format": 2}  # the format written; most programs read it
+_MAX_RATIO = 32768.0  # of Zstandard: blocks of 128 KiB in 4 bytes (RFC 8878); others pack less
+_MAX_SPARSITY = 4  # missing chunks hold the fill value: at least a quarter must be stored
+_MAX_DEPTH = 4  # levels of nested groups that are listed
+_FREE_MISSING_CHUNKS = 1000  # any array may lack so many chunks
 
 
-def zarr_package(instead: str) -> Any:
-    """The package, imported when it is needed."""
+def zarr_package(alternative: str) -> Any:
+    """Import and return the package zarr; raise FormatError if it is missing or too old."""
     try:
         import zarr
     except ImportError as error:
         raise FormatError(
-            f"Zarr needs the package zarr: {install_advice('zarr')}, or {instead}."
+            f"Zarr needs the package zarr: {install_advice('zarr')}, or {alternative}."
         ) from error
     if zarr.__version__.startswith("2."):
         raise FormatError(
-            f"Zarr needs the package zarr 3 (Python 3.11 or newer), not {zarr.__version__}, which "
-            f"runs code that data contain: {install_advice('zarr')}, or {instead}."
+            f"Zarr needs the package zarr 3 (Python 3.11 or newer), got {zarr.__version__}, a "
+            f"version that may run code in data: {install_advice('zarr')}, or {alternative}."
         )
     return zarr
 
 
 @contextmanager
-def opened_store(path: Path, instead: str, max_bytes: int | None = None) -> Iterator[Any]:
-    """The root of a store to read, a group or an array, whose metadata and chunks are checked."""
-    zarr_package(instead)
+def open_checked(path: Path, alternative: str, max_bytes: int | None = None) -> Iterator[Any]:
+    """Open a store to read and yield its root; its metadata and chunks are checked."""
+    zarr_package(alternative)
     from clplen.io.store.zarr_store import open_store
 
     with open_store(path, max_bytes) as root:
@@ -55,25 +55,25 @@ def opened_store(path: Path, instead: str, max_bytes: int | None = None) -> Iter
 
 
 @contextmanager
-def created_store(path: PathLike) -> Iterator[ZarrContainer]:
-    """Make a new store of Zarr format 2 with clplen's mark, which appears whole or not at all."""
+def create_zarr(path: PathLike) -> Iterator[ZarrContainer]:
+    """Create a store of Zarr format 2 with clplen's mark; it appears only when complete."""
     zarr = zarr_package("use .h5")
     with filling(path) as folder:
-        store = zarr.storage.LocalStore(folder)  # a name may look like an address
+        store = zarr.storage.LocalStore(folder)  # a name may look like a URL
         group = zarr.open_group(store, mode="w", **FORMAT_2)
         group.attrs["software"] = MARK
         yield ZarrContainer(group, path)
 
 
 class ZarrContainer:
-    """A group or an array that is the root of a Zarr store, as a `Container`."""
+    """Root of a Zarr store, a group or an array, as a `Container`."""
 
     def __init__(self, root: Any, path: PathLike) -> None:
         self.root, self.path = root, Path(path)
         self._array_class = zarr_package("use .h5").Array
 
     def _item(self, name: str) -> Any:
-        """Return an array or group; None where there is none."""
+        """Return an array or group by its name, or None."""
         if isinstance(self.root, self._array_class):
             return None if name else self.root
         return self.root.get(name) if name else self.root
@@ -83,14 +83,16 @@ class ZarrContainer:
         return self._stored(item) if isinstance(item, self._array_class) else None
 
     def arrays(self) -> dict[str, StoredArray]:
-        with warnings.catch_warnings():  # about types and extensions that no light field has
+        with warnings.catch_warnings():  # about types and extensions unused in light fields
             warnings.simplefilter("ignore")
-            return {array.name: array for array in map(self._stored, self._inside(self.root))}
+            return {
+                array.name: array for array in map(self._stored, self._nested_arrays(self.root))
+            }
 
-    def _inside(self, group: Any, depth: int = _DEPTH) -> Iterator[Any]:
+    def _nested_arrays(self, group: Any, depth: int = _MAX_DEPTH) -> Iterator[Any]:
         yield from (array for _, array in group.arrays())
         for _, inner in group.groups() if depth else ():
-            yield from self._inside(inner, depth - 1)
+            yield from self._nested_arrays(inner, depth - 1)
 
     def _stored(self, item: Any) -> StoredArray:
         name = str(item.path).strip("/")
@@ -121,7 +123,7 @@ class ZarrContainer:
         )  # fmt: skip
         if chunks is None:
             array[...] = values
-        else:  # part by part, so that no second copy of all is made
+        else:  # part by part, without a copy of the whole
             for index, part in enumerate(values):
                 array[index] = part
         array.attrs.update(attributes)
@@ -131,27 +133,29 @@ class ZarrContainer:
 
 
 def _attributes_of(item: Any, names: Iterable[str]) -> dict[str, Any]:
-    """Return some attributes of an array or group as plain Python, without missing ones."""
+    """Return the requested attributes of an array or group, leaving out missing ones."""
     stored = dict(item.attrs)
     return {name: plain(stored[name]) for name in names if name in stored}
 
 
 def storage(array: Any, path: Path, what: str, max_bytes: int | None) -> Bound:
-    """What a store can hold of an array, each of whose chunks has to fit."""
+    """Return the bound on the size of an array; reject chunks that exceed it."""
     name = str(array.path).strip("/")
     inside = f"{name}/" if name else ""
     sizes = [size for key, size in array.store.sizes.items() if key.startswith(inside)]
     chunks = array.shards or array.chunks
     count = math.prod(-(-n // c) for n, c in zip(array.shape, chunks, strict=True))
-    if count > _SPARSE * len(sizes) + _FEW:
+    if count > _MAX_SPARSITY * len(sizes) + _FREE_MISSING_CHUNKS:
         raise FormatError(
-            f"{path}: {what} has {count:,} chunks, of which at most {len(sizes):,} are there: it "
+            f"{path}: {what} has {count:,} chunks, but at most {len(sizes):,} are stored: the file "
             "is damaged or incomplete."
         )
     packing = array.store.arrays[name]
     Bound(path, sum(sizes), 1, max_bytes).require(
         packing.index_bytes, f"the index of a shard of {what}"
     )
-    bound = Bound(path, sum(sizes), _RATIO if packing.packed else float(_SPARSE), max_bytes)
+    bound = Bound(
+        path, sum(sizes), _MAX_RATIO if packing.packed else float(_MAX_SPARSITY), max_bytes
+    )
     bound.require(math.prod(array.chunks) * np.dtype(array.dtype).itemsize, f"a chunk of {what}")
     return bound

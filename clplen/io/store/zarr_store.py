@@ -1,14 +1,14 @@
-"""Zarr stores of unknown origin, a folder or a zip archive, opened to read and checked on the way.
+"""Open untrusted Zarr stores, folders or zip archives, and check them while reading.
 
 Metadata are checked when a store is opened (`clplen.io.store.zarr_metadata`), chunks when they are
-read: how large a packed chunk becomes is found before it is decoded. blosc, lz4 and zstd allocate
-what a chunk declares in its first bytes; gzip, zlib, bz2 and lzma give what comes out, without a
-limit. A chunk of a few bytes could so ask for gigabytes.
+read: the decoded size of a chunk is determined before it is decoded. blosc, lz4 and zstd allocate
+the size declared in the first bytes; gzip, zlib, bz2 and lzma have no limit. A chunk of a few bytes
+could therefore ask for gigabytes.
 
 This module imports zarr; `clplen.io.store.zarr_files` imports it when it is needed.
 
-Formats: blosc, 16 bytes of which 4 to 7 are the size (c-blosc, README_CHUNK_FORMAT); lz4 by
-numcodecs, 4 bytes of size; zstd, RFC 8878.
+Formats: blosc, a header of 16 bytes with the size in bytes 4 to 7 (c-blosc, README_CHUNK_FORMAT);
+lz4 of numcodecs, a header of 4 bytes with the size; zstd, RFC 8878.
 """
 
 from __future__ import annotations
@@ -36,20 +36,20 @@ from clplen.files import require_file
 from clplen.io.formats.untrusted import DEFLATE, SLACK, Bound, reading
 from clplen.io.store.zarr_metadata import Packing, checked_arrays, is_metadata
 
-_PIECE = 1 << 18
-_LZMA_MEMORY = 256 << 20  # bytes of the largest dictionary; that of preset 9 is 64 MiB
-_ZSTD, _SKIPPED = 0xFD2FB528, 0x184D2A50
-_ZSTD_BLOCK = 1 << 17  # bytes of a block, at most
-_STORED, _REPEATED = 0, 1  # kinds of a block of zstd
+_PIECE_BYTES = 1 << 18  # decompressed at a time
+_MAX_LZMA_MEMORY = 256 << 20  # bytes; preset 9 needs 64 MiB
+_ZSTD, _SKIPPABLE = 0xFD2FB528, 0x184D2A50
+_MAX_ZSTD_BLOCK = 1 << 17  # bytes of a block (RFC 8878)
+_STORED, _REPEATED = 0, 1  # block types of zstd
 _ROOTS = ("zarr.json", ".zgroup", ".zarray")
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-_MAX_METADATA = 1 << 22  # bytes of a file of JSON, which takes some 30 times as much when parsed
-_KEPT = 64  # shards whose index is kept
-_MISSING = np.uint64(2**64 - 1)  # place of a chunk that a shard does not hold
+_MAX_METADATA = 1 << 22  # bytes of a JSON file; parsing takes some 30 times as much memory
+_MAX_INDICES = 64  # shard indices kept in memory
+_MISSING = np.uint64(2**64 - 1)  # offset of a missing chunk in a shard index
 
 
 def require_chunk(content: bytes, packing: Packing, key: str) -> None:
-    """Refuse a chunk that becomes larger than its array declares."""
+    """Raise ValueError if a chunk decodes to more than its array declares."""
     largest = packing.largest + SLACK
     name = packing.compressor
     if name is None or (name in ("gzip", "zlib") and len(content) * DEFLATE <= largest):
@@ -57,7 +57,7 @@ def require_chunk(content: bytes, packing: Packing, key: str) -> None:
     size = _SIZES[name](content, largest)
     if size > largest:
         raise ValueError(
-            f"the chunk {key} declares {size:,} bytes or more for {packing.samples:,} samples"
+            f"the chunk {key} declares at least {size:,} bytes for {packing.samples:,} samples"
         )
 
 
@@ -70,53 +70,53 @@ def _lz4(content: bytes, _: int) -> int:
 
 
 def _zstd(content: bytes, _: int) -> int:
-    """The sum over all frames of what each declares, or of the most that its blocks can hold."""
-    total = place = 0
-    while place + 5 <= len(content):
-        magic = int.from_bytes(content[place : place + 4], "little")
-        if magic & ~0xF == _SKIPPED:
-            place += 8 + int.from_bytes(content[place + 4 : place + 8], "little")
+    """Return the decoded size of all frames, as declared or bounded by their blocks."""
+    total = position = 0
+    while position + 5 <= len(content):
+        magic = int.from_bytes(content[position : position + 4], "little")
+        if magic & ~0xF == _SKIPPABLE:
+            position += 8 + int.from_bytes(content[position + 4 : position + 8], "little")
             continue
         if magic != _ZSTD:
-            raise ValueError("no frame of zstd")
-        checksum = content[place + 4] & 4  # a flag, and its bytes behind the blocks
-        declared, place = _zstd_header(content, place)
-        held, place = _zstd_blocks(content, place)
-        place += checksum
-        total += held if declared is None else declared
+            raise ValueError("a frame of zstd has a wrong magic number")
+        checksum = content[position + 4] & 4  # flag; equals the checksum bytes after the blocks
+        declared, position = _zstd_header(content, position)
+        bound, position = _zstd_blocks(content, position)
+        position += checksum
+        total += bound if declared is None else declared
     return total
 
 
-def _zstd_header(content: bytes, place: int) -> tuple[int | None, int]:
-    """What a frame declares, None for nothing; and where its first block begins."""
-    flags = content[place + 4]
+def _zstd_header(content: bytes, position: int) -> tuple[int | None, int]:
+    """Return the declared size of a frame, or None, and the offset of its first block."""
+    flags = content[position + 4]
     single, width = flags >> 5 & 1, (0, 2, 4, 8)[flags >> 6]
     width = width or single
-    start = place + 5 + (1 - single) + (0, 1, 2, 4)[flags & 3]
+    start = position + 5 + (1 - single) + (0, 1, 2, 4)[flags & 3]
     declared = int.from_bytes(content[start : start + width], "little") + 256 * (width == 2)
     return (declared if width else None), start + width
 
 
-def _zstd_blocks(content: bytes, place: int) -> tuple[int, int]:
-    """The most that the blocks of a frame hold, and where the next frame begins."""
-    held, last = 0, False
+def _zstd_blocks(content: bytes, position: int) -> tuple[int, int]:
+    """Return the largest decoded size of the blocks of a frame, and the next frame's offset."""
+    bound, last = 0, False
     while not last:
-        if place + 3 > len(content):
+        if position + 3 > len(content):
             raise ValueError("a frame of zstd is truncated")
-        head = int.from_bytes(content[place : place + 3], "little")
+        head = int.from_bytes(content[position : position + 3], "little")
         last, kind, size = bool(head & 1), head >> 1 & 3, head >> 3
-        held += size if kind in (_STORED, _REPEATED) else _ZSTD_BLOCK
-        place += 3 + (1 if kind == _REPEATED else size)
-    return held, place
+        bound += size if kind in (_STORED, _REPEATED) else _MAX_ZSTD_BLOCK
+        position += 3 + (1 if kind == _REPEATED else size)
+    return bound, position
 
 
-def _counted(opened: Callable[[BytesIO], Any]) -> Callable[[bytes, int], int]:
-    """A function that decompresses piece by piece and counts, up to a limit."""
+def _stream_counter(opened: Callable[[BytesIO], Any]) -> Callable[[bytes, int], int]:
+    """Return a function that decompresses piece by piece and counts bytes up to a limit."""
 
     def size_of(content: bytes, largest: int) -> int:
         total = 0
         with opened(BytesIO(content)) as stream:
-            while total <= largest and (piece := stream.read(_PIECE)):
+            while total <= largest and (piece := stream.read(_PIECE_BYTES)):
                 total += len(piece)
         return total
 
@@ -124,23 +124,23 @@ def _counted(opened: Callable[[BytesIO], Any]) -> Callable[[bytes, int], int]:
 
 
 def _zlib(content: bytes, largest: int) -> int:
-    return _inflated(zlib.decompressobj(), content, largest)[0]
+    return _count_inflated(zlib.decompressobj(), content, largest)[0]
 
 
 def _lzma(content: bytes, largest: int) -> int:
     total = 0
     while content.strip(b"\0") and total <= largest:
-        stream = lzma.LZMADecompressor(memlimit=_LZMA_MEMORY)
-        held, content = _inflated(stream, content, largest - total)
-        total += held
+        stream = lzma.LZMADecompressor(memlimit=_MAX_LZMA_MEMORY)
+        count, content = _count_inflated(stream, content, largest - total)
+        total += count
     return total
 
 
-def _inflated(stream: Any, content: bytes, largest: int) -> tuple[int, bytes]:
-    """Bytes that come out of a stream, up to a limit, and what lies behind it."""
+def _count_inflated(stream: Any, content: bytes, largest: int) -> tuple[int, bytes]:
+    """Return the number of decompressed bytes, up to a limit, and the remaining input."""
     total, data = 0, content
     while not stream.eof and total <= largest:
-        piece = stream.decompress(data, _PIECE)
+        piece = stream.decompress(data, _PIECE_BYTES)
         data = getattr(stream, "unconsumed_tail", b"")
         total += len(piece)
         if not piece:
@@ -152,8 +152,8 @@ _SIZES: dict[str, Callable[[bytes, int], int]] = {
     "blosc": _blosc,
     "lz4": _lz4,
     "zstd": _zstd,
-    "gzip": _counted(lambda file: gzip.GzipFile(fileobj=file)),
-    "bz2": _counted(bz2.BZ2File),
+    "gzip": _stream_counter(lambda file: gzip.GzipFile(fileobj=file)),
+    "bz2": _stream_counter(bz2.BZ2File),
     "zlib": _zlib,
     "lzma": _lzma,
 }
@@ -161,7 +161,7 @@ _SIZES: dict[str, Callable[[bytes, int], int]] = {
 
 @contextmanager
 def open_store(path: Path, max_bytes: int | None = None) -> Iterator[Any]:
-    """The root of a store to read, a group or an array, after a look at its metadata."""
+    """Check the metadata of a store, open it to read and yield its root."""
     require_file(path, "Zarr store", folder=True)
     with reading(path):
         if path.is_dir():
@@ -175,7 +175,7 @@ def open_store(path: Path, max_bytes: int | None = None) -> Iterator[Any]:
             inner = ZipStore(path, mode="r")
         _require_members(sizes, arrays, path)
         if not any(root in sizes for root in _ROOTS):
-            raise FormatError(f"{path} is no Zarr store: it holds none of {', '.join(_ROOTS)}.")
+            raise FormatError(f"{path} is not a Zarr store: it has none of {', '.join(_ROOTS)}.")
         store = CheckedStore(inner, sizes, arrays)
         root = _root(store)
     try:
@@ -185,14 +185,14 @@ def open_store(path: Path, max_bytes: int | None = None) -> Iterator[Any]:
 
 
 def _format(sizes: dict[str, int]) -> Literal[2, 3]:
-    """The format of a store, by its root."""
+    """Return the format of a store, by the file in its root."""
     return 3 if "zarr.json" in sizes else 2
 
 
 def _root(store: CheckedStore) -> Any:
-    """The root, by its own metadata and not by the copies in those of a group."""
+    """Return the root, read from its own metadata instead of consolidated copies."""
     form = _format(store.sizes)
-    with warnings.catch_warnings():  # about types and extensions that no light field has
+    with warnings.catch_warnings():  # about types and extensions unused in light fields
         warnings.simplefilter("ignore")
         if "" in store.arrays:
             return zarr.open_array(store, mode="r", zarr_format=form)
@@ -200,15 +200,15 @@ def _root(store: CheckedStore) -> Any:
 
 
 def _files(root: Path) -> dict[str, int]:
-    """Bytes of every file of a folder, by its key."""
+    """Return the size in bytes of every file of a folder, by its key."""
     inside, sizes, folders = root.resolve(), {}, [root]
     while folders:
         with os.scandir(folders.pop()) as entries:
             for entry in entries:
                 if entry.is_symlink() and not Path(entry.path).resolve().is_relative_to(inside):
                     raise FormatError(
-                        f"{root}: {entry.name!r} is a link to something outside of it: copy what "
-                        "it leads to."
+                        f"{root}: {entry.name!r} is a link to a file outside the store: replace "
+                        "it by a copy."
                     )
                 if entry.is_dir():
                     if entry.is_symlink():
@@ -228,23 +228,23 @@ def _metadata_of_folder(root: Path, sizes: dict[str, int]) -> Iterator[tuple[str
 
 
 def _metadata_of_archive(archive: zipfile.ZipFile) -> Iterator[tuple[str, bytes]]:
-    for item in archive.infolist():  # of the same name, each one
+    for item in archive.infolist():  # each of several members of equal name
         if is_metadata(item.filename):
             _require_metadata(item.filename, item.file_size, Path(archive.filename or ""))
             yield item.filename, archive.read(item)
 
 
 def _require_metadata(key: str, size: int, path: Path) -> None:
-    """Refuse metadata that are larger than those of any store."""
+    """Raise FormatError for metadata larger than the limit."""
     if size > _MAX_METADATA:
         raise FormatError(
-            f"{path}: its member {key[:200]!r} declares {size:,} bytes, metadata have at most "
+            f"{path}: its member {key[:200]!r} declares {size:,} bytes, but metadata have at most "
             f"{_MAX_METADATA:,}: the file is damaged."
         )
 
 
 def _members(archive: zipfile.ZipFile, path: Path, max_bytes: int | None) -> dict[str, int]:
-    """Bytes of every member of an archive, none of which inflates to more than it can hold."""
+    """Return the size of every member of an archive; reject impossible compression ratios."""
     size, sizes = path.stat().st_size, {}
     for item in archive.infolist():
         what = f"its member {item.filename[:200]!r}"
@@ -255,8 +255,8 @@ def _members(archive: zipfile.ZipFile, path: Path, max_bytes: int | None) -> dic
             )
         if item.compress_type not in _METHODS:
             raise FormatError(
-                f"{path}: {what} is compressed by method {item.compress_type}: write the archive "
-                "with deflate."
+                f"{path}: {what} is compressed with method {item.compress_type}: write the "
+                "archive with deflate."
             )
         Bound(path, item.compress_size, DEFLATE, max_bytes).require(item.file_size, what)
         sizes[item.filename] = item.file_size
@@ -264,7 +264,7 @@ def _members(archive: zipfile.ZipFile, path: Path, max_bytes: int | None) -> dic
 
 
 def _require_members(sizes: dict[str, int], arrays: dict[str, Packing], path: Path) -> None:
-    """Refuse members that are larger than the chunks that they hold."""
+    """Raise FormatError for members larger than the chunks that they hold."""
     for key, size in sizes.items():
         packing = None if is_metadata(key) else _packing_of(key, arrays)
         if packing is None:
@@ -272,13 +272,13 @@ def _require_members(sizes: dict[str, int], arrays: dict[str, Packing], path: Pa
         largest = max(packing.shard, 1) * packing.largest + packing.index_bytes
         if size > largest + SLACK:
             raise FormatError(
-                f"{path}: its member {key[:200]!r} declares {size:,} bytes, a chunk there has at "
+                f"{path}: its member {key[:200]!r} declares {size:,} bytes, but a chunk has at "
                 f"most {largest:,}: the file is damaged."
             )
 
 
 def _packing_of(key: str, arrays: dict[str, Packing]) -> Packing | None:
-    """The packing of the array that a chunk belongs to."""
+    """Return the packing of the array that a chunk belongs to."""
     folder = key
     while folder:
         folder = folder.rpartition("/")[0]
@@ -288,12 +288,12 @@ def _packing_of(key: str, arrays: dict[str, Packing]) -> Packing | None:
 
 
 class CheckedStore(WrapperStore[Any]):
-    """A store that gives no chunk that would become larger than its array declares.
+    """Store that rejects chunks that decode to more than their array declares.
 
     Attributes
     ----------
     sizes, arrays
-        As given.
+        Size of every file in bytes, and packing of every array, by key.
     """
 
     def __init__(self, store: Any, sizes: dict[str, int], arrays: dict[str, Packing]) -> None:
@@ -306,28 +306,28 @@ class CheckedStore(WrapperStore[Any]):
         return CheckedStore(store, self.sizes, self.arrays)
 
     async def get(self, key: str, prototype: Any, byte_range: Any = None) -> Any:
-        """What lies under a key, after a look at its chunks."""
-        found = await super().get(key, prototype, byte_range)
+        """Return the value of a key after a check of its chunks."""
+        value = await super().get(key, prototype, byte_range)
         packing = None if is_metadata(key) else _packing_of(key, self.arrays)
-        if found is None or packing is None or packing.compressor is None:
-            return found
-        content = found.to_bytes()
+        if value is None or packing is None or packing.compressor is None:
+            return value
+        content = value.to_bytes()
         if not packing.shard:
             require_chunk(content, packing, key)
-            return found
+            return value
         start = self._start(key, byte_range)
         end = start + len(content)
-        places, sizes = (await self._index(key, packing, prototype)).T
-        inside = (places >= start) & (places < end) & (sizes <= len(content))
-        inside &= places + sizes <= end
-        for place, size in zip(places[inside].tolist(), sizes[inside].tolist(), strict=True):
-            require_chunk(content[place - start : place - start + size], packing, key)
-        return found
+        offsets, sizes = (await self._index(key, packing, prototype)).T
+        inside = (offsets >= start) & (offsets < end) & (sizes <= len(content))
+        inside &= offsets + sizes <= end
+        for offset, size in zip(offsets[inside].tolist(), sizes[inside].tolist(), strict=True):
+            require_chunk(content[offset - start : offset - start + size], packing, key)
+        return value
 
     async def get_partial_values(
         self, prototype: Any, key_ranges: Iterable[tuple[str, Any]]
     ) -> list[Any]:
-        """Parts of several keys, each as `get` gives it."""
+        """Return parts of several keys, each through `get`."""
         return [await self.get(key, prototype, part) for key, part in key_ranges]
 
     async def _get_many(
@@ -337,7 +337,7 @@ class CheckedStore(WrapperStore[Any]):
             yield key, await self.get(key, prototype, part)
 
     def _start(self, key: str, byte_range: Any) -> int:
-        """The first byte of a range."""
+        """Return the first byte of a range."""
         if isinstance(byte_range, RangeByteRequest):
             return int(byte_range.start)
         if isinstance(byte_range, OffsetByteRequest):
@@ -347,15 +347,15 @@ class CheckedStore(WrapperStore[Any]):
         return 0
 
     async def _index(self, key: str, packing: Packing, prototype: Any) -> np.ndarray[Any, Any]:
-        """Place and size of the chunks that a shard holds, shape (chunks, 2)."""
+        """Return offset and size of the chunks of a shard, shape (chunks, 2)."""
         if key not in self._indices:
             size = packing.index_bytes
             if size > self.sizes.get(key, 0):
                 raise ValueError(f"the shard {key} is shorter than its index of {size:,} bytes")
-            wanted = RangeByteRequest(0, size) if packing.index_first else SuffixByteRequest(size)
-            found: Any = await super().get(key, prototype, wanted)
-            pairs = np.frombuffer(found.to_bytes(), "<u8", 2 * packing.shard).reshape(-1, 2)
-            if len(self._indices) >= _KEPT:
+            part = RangeByteRequest(0, size) if packing.index_first else SuffixByteRequest(size)
+            content: Any = await super().get(key, prototype, part)
+            pairs = np.frombuffer(content.to_bytes(), "<u8", 2 * packing.shard).reshape(-1, 2)
+            if len(self._indices) >= _MAX_INDICES:
                 self._indices.clear()
             self._indices[key] = pairs[(pairs != _MISSING).any(axis=1)]
         return self._indices[key]

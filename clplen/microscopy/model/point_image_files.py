@@ -17,7 +17,7 @@ import numpy as np
 from clplen.compute.memory import free_memory
 from clplen.errors import FormatError
 from clplen.files import PathLike, check_space, check_writable, replacing
-from clplen.hdf5_safety import require_heaps, require_own
+from clplen.hdf5_safety import require_heaps, require_internal
 from clplen.microscopy.model.fourier_images import FourierPointImages
 from clplen.microscopy.model.images import PointImages
 from clplen.outputs import MARK
@@ -204,7 +204,7 @@ def _opened(path: Path) -> Iterator[h5py.File]:
         with h5py.File(path, "r") as file:
             if file.attrs.get("format") not in (FORMAT, CELL_FORMAT, FOURIER):
                 raise FormatError(f"{path} contains no point images.")
-            require_own(file, path)
+            require_internal(file, path)
             yield file
     except _DAMAGED as error:
         if isinstance(error, FormatError):

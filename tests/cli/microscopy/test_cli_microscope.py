@@ -249,8 +249,8 @@ def test_background_is_that_of_a_pixel_of_the_camera(device: Device) -> None:
 BAD: list[tuple[list[str], str, int]] = [
     (["a.tif", "-o", "v.png"], "The output must end in .tif or .tiff or .zarr", 2),
     (["a.tif", "-o", "a.tif"], "is one of the input files", 2),
-    (["a.tif", "-o", "a.tif/v.tif"], "is to be a folder, but there is a file", 1),
-    (["a.tif", "-o", "noise.tif"], "is there already, and clplen did not write it", 1),
+    (["a.tif", "-o", "a.tif/v.tif"], "a.tif is a file or a broken link", 1),
+    (["a.tif", "-o", "noise.tif"], "exists already, and clplen did not write it", 1),
     (["volume.tif", "-o", "v.tif"], "is a volume written by clplen", 1),
     (["a.tif", "-o", "v.tif", "-c", "known.toml"], "simulate them by 'clplen microscope psf", 1),
     (["a.tif", "-o", "v.tif", "--memory", "1"], "--memory must be at least 1MiB", 2),

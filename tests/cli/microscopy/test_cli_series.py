@@ -16,7 +16,7 @@ from microscope_commands import done, run, said
 
 from clplen.compute.device import Device
 from clplen.io.results.volume_files import is_volume, read_volume
-from clplen.io.results.volume_series import count_whole, read_volume_series, series_in
+from clplen.io.results.volume_series import count_complete, read_volume_series, series_in
 from clplen.microscopy.model import point_image_files
 from clplen.microscopy.reconstruction.projector import Projector
 
@@ -47,7 +47,7 @@ def words_of(folder: Path, device: Device, *more: object) -> list[object]:
 
 
 def volumes_in(path: Path) -> np.ndarray:
-    return np.stack([read_volume_series(path, t) for t in range(count_whole(path))])
+    return np.stack([read_volume_series(path, t) for t in range(count_complete(path))])
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
@@ -108,7 +108,7 @@ def test_kill_and_resume_lose_nothing(
     assert fresh(["microscope", *words_of(folder, device, "-o", whole, *more)]).returncode == 0
     assert fresh(words, KILLED).returncode == -signal.SIGKILL
     assert out.exists() == (ending == "ome.zarr")  # whole time points, at any moment
-    assert count_whole(out) == 2
+    assert count_complete(out) == 2
     part = volumes_in(out)
     assert "continues after 2 of 5 frames" in fresh(words).stdout
     assert np.array_equal(volumes_in(out)[:2], part)
@@ -182,7 +182,7 @@ def test_what_is_refused_before_anything_is_written(
         assert text in said(run(*words_of(folder, device, *more)), code)
     (tmp_path / "s.ome.zarr").mkdir()
     (tmp_path / "s.ome.zarr" / "mine.txt").write_text("mine")
-    assert "no OME-Zarr" in said(run(*words_of(folder, device, "-o", out)))
+    assert "is not an OME-Zarr" in said(run(*words_of(folder, device, "-o", out)))
     shutil.rmtree(out)
     tifffile.imwrite(tmp_path / "other.tif", np.ones((30, 45), np.uint16))
     words = words_of(folder, device, "-o", out)

@@ -151,7 +151,7 @@ def test_bad_volumes(tmp_path: Path, series: Path) -> None:
     )
     np.save(tmp_path / "small.npy", volume(0)[:, 1:])
     text = said("track", tmp_path / "nan.npy", tmp_path / "small.npy", "-o", out, "--step-um", 1)
-    assert "the volumes of a series have one shape" in text
+    assert "volumes of a series must have equal shapes" in text
     assert "--time must be below 4" in said("points", series, "-o", out, "--time", 7)
     assert "is not a time" in said("points", series, "-o", out, "--time", "last")
     assert not out.exists()
@@ -162,7 +162,7 @@ def test_outputs_of_others_stay(tmp_path: Path, series: Path) -> None:
     other.write_text("track,frame,z_m\n1,2,3\n")
     for command in (("points",), ("regions",), ("track", "--step-um", 2)):
         text = said(command[0], series, "-o", other, *command[1:])
-        assert "is there already, and clplen did not write it" in text
+        assert "exists already, and clplen did not write it" in text
         assert "--force" in text
     assert other.read_text().startswith("track,frame")
     picture = tmp_path / "v.png"
