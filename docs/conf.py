@@ -12,6 +12,7 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "extensions"))
 # tutorials call the clplen that is documented
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+os.environ["COLUMNS"] = "84"  # characters that a page shows without scrolling
 
 project = "clplen"
 author = "The clplen developers"
@@ -32,6 +33,7 @@ extensions = [
     "claims_tables",
     "command_pages",
     "figure_pages",
+    "stream_output",
     "toml_tables",
 ]
 exclude_patterns = ["site", "extensions/templates"]
@@ -62,6 +64,7 @@ numpydoc_xref_param_type = False
 html_theme = "pydata_sphinx_theme"
 html_title = "clplen"
 html_static_path = ["static"]
+html_favicon = "static/logo.svg"
 html_css_files = ["clplen.css"]
 html_copy_source = False
 html_search_scorer = str(HERE / "extensions" / "search_scorer.js")
@@ -69,7 +72,12 @@ html_show_sourcelink = False
 html_sourcelink_suffix = ""
 html_last_updated_fmt = None
 html_theme_options = {
-    "logo": {"text": "clplen"},
+    "logo": {
+        "text": "clplen",
+        "image_light": "static/logo.svg",
+        "image_dark": "static/logo.svg",
+        "alt_text": "clplen, start page",
+    },
     "navbar_align": "left",
     "header_links_before_dropdown": 8,
     "show_nav_level": 1,
