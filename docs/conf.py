@@ -66,6 +66,7 @@ html_title = "clplen"
 html_static_path = ["static"]
 html_favicon = "static/logo.svg"
 html_css_files = ["clplen.css"]
+html_js_files = [("gallery.js", {"defer": "defer"})]
 html_copy_source = False
 html_search_scorer = str(HERE / "extensions" / "search_scorer.js")
 html_show_sourcelink = False
@@ -88,7 +89,7 @@ html_theme_options = {
     "article_header_start": ["breadcrumbs"],
     "secondary_sidebar_items": ["page-toc"],
 }
-html_sidebars = {"gallery/**": [], "index": []}
+html_sidebars = {"gallery/**": [], "index": [], "tutorials/index": [], "howto/index": []}
 mathjax_path = "mathjax/tex-svg.js"  # shipped: the site is read without a network
 copybutton_prompt_text = r">>> |\.\.\. |\$ |In \[\d*\]: "
 copybutton_prompt_is_regexp = True
