@@ -29,10 +29,12 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_design",
     # ours, in extensions/
+    "api_examples",
     "api_pages",
     "claims_tables",
     "command_pages",
     "figure_pages",
+    "name_links",
     "stream_output",
     "toml_tables",
 ]
@@ -58,7 +60,8 @@ autodoc_typehints = "none"  # the sections say the types
 autodoc_member_order = "groupwise"
 numpydoc_show_class_members = False  # the page of a class lists its methods
 numpydoc_class_members_toctree = False
-numpydoc_xref_param_type = False
+numpydoc_xref_param_type = False  # name_links does this
+default_role = "py:obj"
 
 # pages
 html_theme = "pydata_sphinx_theme"

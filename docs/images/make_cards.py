@@ -1,12 +1,14 @@
-"""Draw the pictures of the start page and of the cards: python docs/images/make_cards.py
+"""Draw pictures of the site: python docs/images/make_cards.py
 
 start.webp shows the result of the code block of docs/index.md. The cards of the tutorials and
 how-to pages come from that light field, from docs/images and from the pictures of the gallery.
+plots/ shows the calls of plots.toml.
 """
 
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -140,9 +142,23 @@ def checkerboard() -> Image.Image:
     return board.transform((720, 480), Image.Transform.PERSPECTIVE, shape, fillcolor=150)
 
 
+def draw_plots(names: dict[str, Any]) -> None:
+    """Draw the calls of plots.toml, with the names of the start page."""
+    settings = tomllib.loads((IMAGES / "plots.toml").read_text(encoding="utf-8"))
+    exec(settings["setup"], names)
+    for name, call in settings["calls"].items():
+        figure = eval(call, names)
+        image = Image.fromarray(clplen.plot.rendered(figure, dpi=100))
+        image.thumbnail((700, 500), Image.Resampling.LANCZOS)
+        image.save(IMAGES / "plots" / f"{name}.webp", quality=45, method=6)
+
+
 def main() -> None:
     """Draw all pictures."""
+    for folder in ("cards", "plots"):
+        (IMAGES / folder).mkdir(exist_ok=True)
     names = start_block()
+    draw_plots(dict(names))
     lf, depth = names["lf"], names["depth"]
     near, far, views = (names[key].to_numpy() for key in ("near", "far", "lf"))
     disparity = np.asarray(depth.disparity)
