@@ -12,7 +12,6 @@ import importlib
 import re
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 from api_pages import unique_names
@@ -51,7 +50,7 @@ def _paths_of_tree(tree: ast.AST) -> Iterator[str]:
 
 
 @functools.cache
-def _documented() -> dict[int, str]:
+def documented() -> dict[int, str]:
     """Return the documented path of each public object by its identity."""
     paths = [path for group in unique_names().values() for path in group]
     return {id(_resolve(path)): path for path in paths}
@@ -74,10 +73,10 @@ def names_in(code: str) -> set[str]:
         paths = set(_paths_of_tree(ast.parse(code)))
     except SyntaxError:  # cell magics
         return set()
-    documented = _documented()
+    public = documented()
     prefixes = {".".join(path.split(".")[:n]) for path in paths for n in range(2, 5)} - {"clplen"}
-    return {documented[id(value)] for path in prefixes
-            if (value := _resolve(path)) is not None and id(value) in documented}  # fmt: skip
+    return {public[id(value)] for path in prefixes
+            if (value := _resolve(path)) is not None and id(value) in public}  # fmt: skip
 
 
 @functools.cache
@@ -121,7 +120,9 @@ def related_names() -> dict[str, list[str]]:
     return related
 
 
-def add_see_also(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+def add_see_also(
+    app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]
+) -> None:
     """Add a section See Also to a docstring that has none."""
     names = related_names().get(name)
     if names and "See Also" not in lines:

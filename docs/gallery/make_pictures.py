@@ -3,7 +3,7 @@
 The command runs the scripts of examples/ that changed since their pictures were drawn. It writes a
 WebP of at most 40 kB and a thumbnail for each, so that the site needs no device. thumbnails.toml
 holds the part of the figure that the thumbnail shows. runs.json holds the run time and the digest
-of each script and of the modules beside it that it imports; tests/test_site.py compares the digests.
+of each script with the modules beside it that it imports; tests/test_site.py checks the digests.
 """
 
 from __future__ import annotations
@@ -16,11 +16,15 @@ import subprocess
 import sys
 import tempfile
 import time
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
 from PIL import Image, ImageOps, ImageStat
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 HERE = Path(__file__).parent
 EXAMPLES = HERE.parents[1] / "examples"

@@ -8,7 +8,7 @@ plots/ shows the calls of plots.toml.
 from __future__ import annotations
 
 import re
-import tomllib
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,11 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageOps
 
 import clplen
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 IMAGES = Path(__file__).parent
 GALLERY = IMAGES.parent / "gallery" / "pictures"
