@@ -54,8 +54,9 @@ class NameLinks(SphinxPostTransform):
             node.replace_self(link)
 
         for node in list(self.document.findall(nodes.classifier)):
-            node.children = [child for part in _CLASS.split(node.astext())
-                             for child in [self._class_link(part, targets)]]  # fmt: skip
+            parts = [self._class_link(part, targets) for part in _CLASS.split(node.astext())]
+            node.clear()
+            node.extend(parts)
 
     def _class_link(self, word: str, targets: dict[str, tuple[str, str, str]]) -> nodes.Node:
         """Return a link to the class of this name, or the text."""
@@ -68,6 +69,8 @@ class NameLinks(SphinxPostTransform):
 
     def _is_linked(self, node: nodes.Node) -> bool:
         """Return True inside links, titles and signatures."""
+        if not isinstance(node.parent, nodes.TextElement):
+            return True
         while (node := node.parent) is not None:
             if isinstance(node, nodes.reference | nodes.title | nodes.rubric):
                 return True
