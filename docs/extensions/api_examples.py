@@ -126,7 +126,7 @@ def add_see_also(
     """Add a section See Also to a docstring that has none."""
     names = related_names().get(name)
     if names and "See Also" not in lines:
-        lines += ["", "See Also", "--------", *names, ""]
+        lines += ["", "See Also", "--------", ", ".join(names), ""]
 
 
 class ApiExamples(Directive):

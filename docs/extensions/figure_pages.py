@@ -102,7 +102,7 @@ def figure_page(figure: Figure) -> str:
 
 ![{figure.short}](../pictures/{figure.script}.webp)
 
-| | |
+| quantity | value |
 |---|---|
 | printed number | {_links(figure.number)} |
 | reference | {_links(figure.reference)} |
@@ -151,11 +151,15 @@ def card(figure: Figure, folder: str) -> list[str]:
 
 
 class FigureFilter(Directive):
-    """Place of the buttons that filter the gallery by subject (static/gallery.js)."""
+    """Buttons that filter the gallery by subject (static/site.js)."""
 
     def run(self) -> list[nodes.Node]:
-        subjects = html.escape(json.dumps(thumbnail_settings()["subjects"]))
-        text = f'<div class="gallery-filter" data-subjects="{subjects}"></div>'
+        subjects = {"": "All", **thumbnail_settings()["subjects"]}
+        buttons = [f'<button type="button" data-subject="{key}" aria-pressed="{str(not key).lower()}">'
+                   f"{html.escape(name)}</button>" for key, name in subjects.items()]  # fmt: skip
+        count = len(figures())
+        text = f'<div class="gallery-filter">{"".join(buttons)}</div>'
+        text += f'<p class="gallery-count" role="status">{count} of {count} figures</p>'
         return [nodes.raw("", text, format="html")]
 
 

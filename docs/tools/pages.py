@@ -50,7 +50,6 @@ SHIFTS = """window.shift = 0; new PerformanceObserver((list) => {
 FIGURES = """() => ({
   paint: performance.getEntriesByName("first-contentful-paint")[0]?.startTime,
   shift: window.shift,
-  files: [location.href, ...performance.getEntriesByType("resource").map((e) => e.name)],
 })"""
 
 
@@ -102,7 +101,10 @@ def main() -> None:
                 context = browser.new_context(viewport=size, color_scheme=mode)
                 context.add_init_script(SHIFTS)
                 page = context.new_page()
+                files: list[str] = []
+                page.on("request", lambda request, files=files: files.append(request.url))
                 for name in names:
+                    files.clear()
                     page.goto((site / f"{name}.html").as_uri())
                     page.wait_for_timeout(300)
                     figures = page.evaluate(FIGURES)
@@ -117,7 +119,7 @@ def main() -> None:
                     where = f"{name} at {width} px, {mode}"
                     for sentence in sentences:
                         print(f"{where} {sentence}")
-                    paint, kilobytes = figures["paint"] or 0, weight(figures["files"]) / 1e3
+                    paint, kilobytes = figures["paint"] or 0, weight(files) / 1e3
                     print(f"{where}: first paint {paint:.0f} ms, shift {figures['shift']:.3f}, "
                           f"{kilobytes:.0f} kB")  # fmt: skip
                 context.close()
