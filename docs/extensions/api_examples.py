@@ -102,6 +102,8 @@ def guides_by_name() -> dict[str, list[str]]:
     for pattern in GUIDES:
         for file in sorted(DOCS.glob(pattern)):
             page = file.relative_to(DOCS).with_suffix("").as_posix()
+            if page == "index":
+                continue
             blocks = _BLOCK.findall(file.read_text(encoding="utf-8"))
             for name in {name for block in blocks for name in names_in(block)}:
                 users.setdefault(name, []).append(page)
@@ -129,6 +131,12 @@ def add_see_also(
         lines += ["", "See Also", "--------", ", ".join(names), ""]
 
 
+def _is_direct(figure: Figure, short: str) -> bool:
+    """Return True if the script of a figure itself, or its name, holds a short name."""
+    code = (EXAMPLES / f"{figure.script}.py").read_text(encoding="utf-8")
+    return re.search(rf"\b{short}\(", code) is not None or short in figure.script
+
+
 class ApiExamples(Directive):
     """Pictures and pages that use a public name."""
 
@@ -146,6 +154,7 @@ class ApiExamples(Directive):
         if users := figures_by_name().get(name):
             lines += [f".. rubric:: Figures that use {short}", "", ".. grid:: 2 2 4 4",
                       "   :gutter: 2", "   :class-container: gallery", ""]  # fmt: skip
+            users = sorted(users, key=lambda figure: not _is_direct(figure, short))
             for figure in users[:MAX_FIGURES]:
                 lines += [f"   .. grid-item-card:: {figure.label}",
                           f"      :link: /gallery/figures/{figure.script}",

@@ -155,8 +155,12 @@ class FigureFilter(Directive):
 
     def run(self) -> list[nodes.Node]:
         subjects = {"": "All", **thumbnail_settings()["subjects"]}
-        buttons = [f'<button type="button" data-subject="{key}" aria-pressed="{str(not key).lower()}">'
-                   f"{html.escape(name)}</button>" for key, name in subjects.items()]  # fmt: skip
+        buttons = [
+            f'<button type="button" data-subject="{key}" aria-pressed="false">'
+            f"{html.escape(name)}</button>"
+            for key, name in subjects.items()
+        ]
+        buttons[0] = buttons[0].replace("false", "true")
         count = len(figures())
         text = f'<div class="gallery-filter">{"".join(buttons)}</div>'
         text += f'<p class="gallery-count" role="status">{count} of {count} figures</p>'

@@ -57,6 +57,11 @@ class NameLinks(SphinxPostTransform):
             parts = [self._class_link(part, targets) for part in _CLASS.split(node.astext())]
             node.clear()
             node.extend(parts)
+        for node in list(self.document.findall(nodes.term)):  # in Returns and Raises
+            if node.astext() in targets:
+                link = self._class_link(node.astext(), targets)
+                node.clear()
+                node.append(link)
 
     def _class_link(self, word: str, targets: dict[str, tuple[str, str, str]]) -> nodes.Node:
         """Return a link to the class of this name, or the text."""

@@ -59,7 +59,7 @@ def faults(page: Any, width: int) -> list[str]:
     sentences = [f"is {wide} px wide"] if wide > width else []
     sentences += [f"cuts {element}" for element in page.evaluate(CUT)]
     axe = os.environ.get("CLPLEN_AXE")
-    if axe:
+    if axe and Path(axe).is_file():
         page.add_script_tag(path=axe)
         for violation in page.evaluate("axe.run()")["violations"]:
             target = violation["nodes"][0]["target"]
