@@ -148,7 +148,7 @@ class ApiExamples(Directive):
         short = name.rpartition(".")[2]
         if (DOCS / "images" / "plots" / f"{short}.webp").is_file() and "plot." in name:
             calls = tomllib.loads((DOCS / "images" / "plots.toml").read_text(encoding="utf-8"))
-            lines += [".. code-block:: python", "", f"   {calls['calls'][short]}", "",
+            lines += [".. rubric:: Picture", "", ".. code-block:: python", "", f"   {calls['calls'][short]}", "",
                       f".. image:: /images/plots/{short}.webp",
                       f"   :alt: Picture drawn by {short}", ""]  # fmt: skip
         if users := figures_by_name().get(name):

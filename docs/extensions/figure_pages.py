@@ -43,18 +43,13 @@ class Figure:
     title: str
     seconds: float
     quick: bool  # True if the picture shows the smaller computation of --quick
+    label: str  # caption of its card
     subjects: tuple[str, ...]  # keys of [subjects] in gallery/thumbnails.toml
 
     @property
     def shows(self) -> str:
         """Its title without the number."""
         words = re.sub(r"^Figure [\d.]+: ", "", self.title)
-        return words[:1].upper() + words[1:]
-
-    @property
-    def label(self) -> str:
-        """Short name without the number."""
-        words = re.sub(r"^[\d.]+ ", "", self.short)
         return words[:1].upper() + words[1:]
 
     @property
@@ -81,9 +76,12 @@ def figures() -> list[Figure]:
             continue  # a script that prints numbers and draws nothing
         run = runs[script]
         title = title.rstrip(".")
-        subjects = tuple(thumbnails[script]["subjects"])
+        settings = thumbnails[script]
+        words = re.sub(r"^[\d.]+ ", "", short)
+        label = settings.get("label", words[:1].upper() + words[1:])
+        subjects = tuple(settings["subjects"])
         figure = Figure(
-            script, short, number, reference, title, run["seconds"], run["quick"], subjects
+            script, short, number, reference, title, run["seconds"], run["quick"], label, subjects
         )
         entries.append(figure)
     return entries
@@ -130,6 +128,8 @@ class FigureCards(Directive):
                 lines += card(figure, folder="figures")
         node = nodes.container()
         node.document = self.state.document
+        settings = self.state.document.settings
+        settings.record_dependencies.add(str(DOCS / "gallery" / "thumbnails.toml"))
         lines = [*lines, "::::"]
         self.state.nested_parse(StringList(lines, "figure-cards"), self.content_offset, node)
         return [node]
