@@ -148,9 +148,10 @@ class ApiExamples(Directive):
         short = name.rpartition(".")[2]
         if (DOCS / "images" / "plots" / f"{short}.webp").is_file() and "plot." in name:
             calls = tomllib.loads((DOCS / "images" / "plots.toml").read_text(encoding="utf-8"))
-            lines += [".. rubric:: Picture", "", ".. code-block:: python", "", f"   {calls['calls'][short]}", "",
-                      f".. image:: /images/plots/{short}.webp",
-                      f"   :alt: Picture drawn by {short}", ""]  # fmt: skip
+            lines += [".. rubric:: Picture", "", ".. code-block:: python", ""]
+            lines += [f"   {calls['calls'][short]}", ""]
+            lines += [f".. image:: /images/plots/{short}.webp"]
+            lines += [f"   :alt: Picture drawn by {short}", ""]
         if users := figures_by_name().get(name):
             lines += [f".. rubric:: Figures that use {short}", "", ".. grid:: 2 2 4 4",
                       "   :gutter: 2", "   :class-container: gallery", ""]  # fmt: skip
