@@ -67,6 +67,20 @@ def faults(page: Any, width: int) -> list[str]:
     return sentences
 
 
+def filter_faults(page: Any) -> list[str]:
+    """Press each button of the gallery by keyboard; return a sentence for each wrong count."""
+    sentences = []
+    for button in page.query_selector_all(".gallery-filter button"):
+        button.focus()
+        page.keyboard.press("Enter")
+        count = page.inner_text(".gallery-count").split()[0]
+        visible = page.locator(".gallery [class*='subject-']:visible").count()
+        if visible != int(count):
+            name = button.inner_text()
+            sentences.append(f"shows {visible} figures, and counts {count} of {name}")
+    return sentences
+
+
 def weight(files: list[str]) -> int:
     """Return the bytes of local files."""
     paths = {
@@ -112,7 +126,7 @@ def main() -> None:
                         arguments.output.mkdir(parents=True, exist_ok=True)
                         file = f"{name.replace('/', '_')}_{width}_{mode}.png"
                         page.screenshot(path=arguments.output / file)
-                    sentences = faults(page, width)
+                    sentences = faults(page, width) + filter_faults(page)
                     if figures["shift"] > MAX_SHIFT:
                         sentences.append("shifts while it loads")
                     count += len(sentences)
