@@ -12,6 +12,7 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "extensions"))
 # tutorials call the clplen that is documented
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+os.environ["COLUMNS"] = "84"  # characters that a page shows without scrolling
 
 project = "clplen"
 author = "The clplen developers"
@@ -28,10 +29,13 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_design",
     # ours, in extensions/
+    "api_examples",
     "api_pages",
     "claims_tables",
     "command_pages",
     "figure_pages",
+    "name_links",
+    "stream_output",
     "toml_tables",
 ]
 exclude_patterns = ["site", "extensions/templates"]
@@ -56,20 +60,28 @@ autodoc_typehints = "none"  # the sections say the types
 autodoc_member_order = "groupwise"
 numpydoc_show_class_members = False  # the page of a class lists its methods
 numpydoc_class_members_toctree = False
-numpydoc_xref_param_type = False
+numpydoc_xref_param_type = False  # name_links does this
+default_role = "py:obj"
 
 # pages
 html_theme = "pydata_sphinx_theme"
 html_title = "clplen"
 html_static_path = ["static"]
+html_favicon = "static/logo.svg"
 html_css_files = ["clplen.css"]
+html_js_files = [("site.js", {"defer": "defer"})]
 html_copy_source = False
 html_search_scorer = str(HERE / "extensions" / "search_scorer.js")
 html_show_sourcelink = False
 html_sourcelink_suffix = ""
 html_last_updated_fmt = None
 html_theme_options = {
-    "logo": {"text": "clplen"},
+    "logo": {
+        "text": "clplen",
+        "image_light": "static/logo.svg",
+        "image_dark": "static/logo.svg",
+        "alt_text": "clplen, start page",
+    },
     "navbar_align": "left",
     "header_links_before_dropdown": 8,
     "show_nav_level": 1,
@@ -80,7 +92,7 @@ html_theme_options = {
     "article_header_start": ["breadcrumbs"],
     "secondary_sidebar_items": ["page-toc"],
 }
-html_sidebars = {"gallery/**": [], "index": []}
+html_sidebars = {"gallery/**": [], "index": [], "tutorials/index": [], "howto/index": []}
 mathjax_path = "mathjax/tex-svg.js"  # shipped: the site is read without a network
 copybutton_prompt_text = r">>> |\.\.\. |\$ |In \[\d*\]: "
 copybutton_prompt_is_regexp = True

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import re
+import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -12,6 +13,11 @@ from types import ModuleType
 
 import pytest
 from PIL import Image
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -57,6 +63,63 @@ def test_a_changed_script_or_module_changes_the_digest(
     assert pictures.digest("fig_1") == before
     (tmp_path / "shared.py").write_text("x = 2\n")
     assert pictures.digest("fig_1") != before
+
+
+def test_every_figure_has_a_thumbnail() -> None:
+    """Thumbnails show a part of the figure, and subjects are those of the filter."""
+    settings = tomllib.loads((DOCS / "gallery/thumbnails.toml").read_text(encoding="utf-8"))
+    subjects = settings.pop("subjects")
+    names = {file.stem for file in (DOCS / "gallery/pictures").iterdir()}
+    assert set(settings) == names
+    assert {file.stem for file in (DOCS / "gallery/thumbnails").iterdir()} == names
+    used = {subject for entry in settings.values() for subject in entry["subjects"]}
+    assert used == set(subjects)
+    for name, entry in settings.items():
+        left, top, right, bottom = entry["box"]
+        assert 0 <= left < right <= 1, name
+        assert 0 <= top < bottom <= 1, name
+        with Image.open(DOCS / f"gallery/thumbnails/{name}.webp") as picture:
+            assert picture.size == (300, 200)
+
+
+@pytest.mark.parametrize("folder", ["tutorials", "howto"])
+def test_cards_of_an_index(folder: str) -> None:
+    """Each page of the folder has a card, and each card has a picture and a sentence."""
+    text = (DOCS / folder / "index.md").read_text(encoding="utf-8")
+    card = r"^:link: (\S+)\n:link-type: doc\n:img-top: (\S+)\n:img-alt:\n\n(.+)\.$"
+    cards = re.findall(card, text, re.MULTILINE)
+    pages = [page for page, _, _ in cards]
+    hidden = re.search(r"\{toctree\}\n:hidden:\n\n(.*?)\n```", text, re.DOTALL)
+    assert hidden is not None
+    assert sorted(pages) == sorted(hidden[1].split())
+    assert {file.stem for file in (DOCS / folder).glob("*.md")} - {"index"} <= set(pages)
+    for _, picture, sentence in cards:
+        assert (DOCS / folder / picture).is_file()
+        assert len(sentence.split()) <= 25
+
+
+def test_printed_output_is_joined_without_breaks() -> None:
+    pytest.importorskip("myst_nb", reason="Sphinx: pip install '.[docs]'")
+    pieces = [("stdout", "3 floa"), ("stderr", "slow\n"), ("stdout", "t32\n")]
+    outputs = [{"output_type": "stream", "name": name, "text": text} for name, text in pieces]
+    joined = load("extensions/stream_output.py").join_streams(outputs)
+    assert [(output["name"], output["text"]) for output in joined] == [
+        ("stdout", "3 float32\n"),
+        ("stderr", "slow\n"),
+    ]
+
+
+def test_users_of_a_public_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Imports, attributes and aliases lead to documented names; See Also names exist."""
+    pytest.importorskip("sphinx", reason="Sphinx: pip install '.[docs]'")
+    monkeypatch.syspath_prepend(str(DOCS / "extensions"))
+    examples = load("extensions/api_examples.py")
+    code = "import clplen\nfrom clplen.analysis import score as s\nclplen.plot.depth(s)"
+    assert examples.names_in(code) == {"clplen.analysis.score", "clplen.plot.depth"}
+    assert set(examples.related_names()) <= set(examples.documented().values())
+    calls = tomllib.loads((DOCS / "images/plots.toml").read_text(encoding="utf-8"))["calls"]
+    assert {f"clplen.plot.{name}" for name in calls} <= set(examples.documented().values())
+    assert {file.stem for file in (DOCS / "images/plots").iterdir()} == set(calls)
 
 
 def test_keys_of_toml_files() -> None:
@@ -123,6 +186,9 @@ def test_links_of_the_built_site_are_checked(tmp_path: Path) -> None:
     (tmp_path / "a.html").write_text('<h1 id="here">A</h1><a href="b.html#there">b</a>')
     (tmp_path / "b.html").write_text('<p id="there"></p><a href="a.html#here">a</a>')
     assert list(faults(tmp_path)) == []
+    output = '<div class="output stderr highlight-x"><pre>x.py:1: UserWarning: slow</pre></div>'
+    (tmp_path / "b.html").write_text('<p id="there"></p><a href="a.html#here">a</a>' + output)
+    assert list(faults(tmp_path)) == ["b.html prints x.py:1: UserWarning: slow"]
     (tmp_path / "b.html").write_text(
         '<a href="a.html#gone">a</a><a href="c.html">c</a><script src="https://x.org/y.js"></script>'
     )

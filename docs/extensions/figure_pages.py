@@ -1,22 +1,30 @@
-"""The gallery: a page a figure script, and the directive ``figure-cards`` whose cards lead there.
+"""Gallery: a page for each figure script, and the directive ``figure-cards`` that links to them.
 
-A figure's title is its script's docstring, its numbers the row of the table in examples/README.md,
-its picture and run time those of gallery/make_pictures.py.
+The title of a figure is the docstring of its script. Its numbers come from examples/README.md, its
+picture and run time from gallery/make_pictures.py, its subjects from gallery/thumbnails.toml.
 """
 
 from __future__ import annotations
 
 import ast
+import html
 import json
 import re
+import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from docutils import nodes
 from docutils.parsers.rst import Directive
 from docutils.statemachine import StringList
 from sphinx.application import Sphinx
 from written import remove_others, write_page
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 DOCS = Path(__file__).parents[1]
 EXAMPLES = DOCS.parent / "examples"
@@ -26,7 +34,7 @@ _ROW = re.compile(r"\| (.+?) \| \[(\w+)\.py\]\(.+?\)[^|]* \| (.+?) \| (.+?) \|$"
 
 @dataclass(frozen=True)
 class Figure:
-    """A script that draws, and what is known of it."""
+    """A figure script with its title, numbers and run time."""
 
     script: str  # name without suffix
     short: str  # as the table calls it
@@ -34,7 +42,9 @@ class Figure:
     reference: str
     title: str
     seconds: float
-    quick: bool  # the picture is that of a smaller computation
+    quick: bool  # True if the picture shows the smaller computation of --quick
+    label: str  # caption of its card
+    subjects: tuple[str, ...]  # keys of [subjects] in gallery/thumbnails.toml
 
     @property
     def shows(self) -> str:
@@ -48,11 +58,17 @@ class Figure:
         return self.script.split("_")[1] if self.script.startswith("fig_") else "frames"
 
 
+def thumbnail_settings() -> dict[str, Any]:
+    """Return boxes and subjects of the thumbnails, and the names of the subjects."""
+    return tomllib.loads((DOCS / "gallery" / "thumbnails.toml").read_text(encoding="utf-8"))
+
+
 def figures() -> list[Figure]:
-    """All of them in the order of the table."""
+    """Return all figures in the order of the table in examples/README.md."""
+    thumbnails = thumbnail_settings()
     runs = json.loads((DOCS / "gallery" / "runs.json").read_text(encoding="utf-8"))
     table = (EXAMPLES / "README.md").read_text(encoding="utf-8")
-    found = []
+    entries = []
     for short, script, number, reference in _ROW.findall(table):
         code = (EXAMPLES / f"{script}.py").read_text(encoding="utf-8")
         title = " ".join((ast.get_docstring(ast.parse(code)) or "").split("\n\n")[0].split())
@@ -60,9 +76,15 @@ def figures() -> list[Figure]:
             continue  # a script that prints numbers and draws nothing
         run = runs[script]
         title = title.rstrip(".")
-        figure = Figure(script, short, number, reference, title, run["seconds"], run["quick"])
-        found.append(figure)
-    return found
+        settings = thumbnails[script]
+        words = re.sub(r"^[\d.]+ ", "", short)
+        label = settings.get("label", words[:1].upper() + words[1:])
+        subjects = tuple(settings["subjects"])
+        figure = Figure(
+            script, short, number, reference, title, run["seconds"], run["quick"], label, subjects
+        )
+        entries.append(figure)
+    return entries
 
 
 def _links(text: str) -> str:
@@ -78,7 +100,7 @@ def figure_page(figure: Figure) -> str:
 
 ![{figure.short}](../pictures/{figure.script}.webp)
 
-| | |
+| quantity | value |
 |---|---|
 | printed number | {_links(figure.number)} |
 | reference | {_links(figure.reference)} |
@@ -100,24 +122,49 @@ class FigureCards(Directive):
     required_arguments = 1
 
     def run(self) -> list[nodes.Node]:
-        lines = ["::::{grid} 1 2 3 4", ":gutter: 2", ""]
+        lines = ["::::{grid} 2 3 4 4", ":gutter: 2", ":class-container: gallery", ""]
         for figure in figures():
             if figure.chapter == self.arguments[0]:
-                lines += [
-                    f":::{{grid-item-card}} {figure.short}",
-                    f":link: figures/{figure.script}",
-                    ":link-type: doc",
-                    f":img-top: pictures/{figure.script}.webp",
-                    f":img-alt: {figure.title}",
-                    "",
-                    f"{figure.shows}. *{figure.seconds:.0f} s.*",
-                    ":::",
-                ]
-        lines.append("::::")
+                lines += card(figure, folder="figures")
         node = nodes.container()
         node.document = self.state.document
+        settings = self.state.document.settings
+        settings.record_dependencies.add(str(DOCS / "gallery" / "thumbnails.toml"))
+        lines = [*lines, "::::"]
         self.state.nested_parse(StringList(lines, "figure-cards"), self.content_offset, node)
         return [node]
+
+
+def card(figure: Figure, folder: str) -> list[str]:
+    """Return the lines of a card that links to a figure's page in ``folder``."""
+    classes = " ".join(f"subject-{subject}" for subject in figure.subjects)
+    return [
+        f":::{{grid-item-card}} {figure.label}",
+        f":link: {folder}/{figure.script}",
+        ":link-type: doc",
+        f":link-alt: {figure.shows}",
+        f":img-top: /gallery/thumbnails/{figure.script}.webp",
+        f":img-alt: {figure.title}",
+        f":class-item: {classes}",
+        ":::",
+    ]
+
+
+class FigureFilter(Directive):
+    """Buttons that filter the gallery by subject (static/site.js)."""
+
+    def run(self) -> list[nodes.Node]:
+        subjects = {"": "All", **thumbnail_settings()["subjects"]}
+        buttons = [
+            f'<button type="button" data-subject="{key}" aria-pressed="false">'
+            f"{html.escape(name)}</button>"
+            for key, name in subjects.items()
+        ]
+        buttons[0] = buttons[0].replace("false", "true")
+        count = len(figures())
+        text = f'<div class="gallery-filter">{"".join(buttons)}</div>'
+        text += f'<p class="gallery-count" role="status">{count} of {count} figures</p>'
+        return [nodes.raw("", text, format="html")]
 
 
 def write_pages(app: Sphinx, _config: object) -> None:
@@ -132,4 +179,5 @@ def write_pages(app: Sphinx, _config: object) -> None:
 def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("config-inited", write_pages)
     app.add_directive("figure-cards", FigureCards)
+    app.add_directive("figure-filter", FigureFilter)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,9 +1,9 @@
 """Draw the gallery's pictures: python docs/gallery/make_pictures.py [--all] [--quick] [SCRIPT ...]
 
-Scripts of examples/ whose code differs from that of the committed picture are run.
-Their pictures are kept as WebP of at most 40 kB, so that the site is built in seconds and without
-a device. runs.json holds the digest of each script and of the modules beside it that it imports,
-and how long it took; tests/test_gallery.py compares the digests with the scripts.
+The command runs the scripts of examples/ that changed since their pictures were drawn. It writes a
+WebP of at most 40 kB and a thumbnail for each, so that the site needs no device. thumbnails.toml
+holds the part of the figure that the thumbnail shows. runs.json holds the run time and the digest
+of each script with the modules beside it that it imports; tests/test_site.py checks the digests.
 """
 
 from __future__ import annotations
@@ -19,13 +19,19 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from PIL import Image
+from PIL import Image, ImageOps, ImageStat
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 HERE = Path(__file__).parent
 EXAMPLES = HERE.parents[1] / "examples"
 FRAMES = ("guv_volume", "guv_variations", "bead_positions", "bead_volume")
 LARGEST = 40_000  # bytes
 WIDTH = 1200  # pixels
+THUMBNAIL = (300, 200)  # pixels
 
 
 def scripts() -> list[str]:
@@ -73,6 +79,26 @@ def write_webp(picture: Path, target: Path) -> None:
         image.thumbnail((image.width * 4 // 5, image.height * 4 // 5))
 
 
+def write_thumbnail(picture: Path, target: Path, box: list[float]) -> None:
+    """Write the part ``box`` of a picture as a thumbnail, centred on the colour of its edge.
+
+    The box holds left, top, right and bottom as fractions of the picture.
+    """
+    with Image.open(picture) as opened:
+        image = opened.convert("RGB")
+    width, height = image.size
+    left, top, right, bottom = box
+    panel = image.crop(
+        (round(left * width), round(top * height), round(right * width), round(bottom * height))
+    )
+    edge = panel.crop((0, 1, panel.width, 3))
+    colour = tuple(ImageStat.Stat(edge).median)
+    panel = ImageOps.contain(panel, THUMBNAIL, Image.Resampling.LANCZOS)
+    image = Image.new("RGB", THUMBNAIL, colour)
+    image.paste(panel, tuple((a - b) // 2 for a, b in zip(THUMBNAIL, panel.size, strict=True)))
+    image.save(target, quality=40, method=6)
+
+
 def draw(name: str, quick: bool) -> dict[str, object]:
     """Run a script, write its picture; its entry in runs.json."""
     with tempfile.TemporaryDirectory() as folder:
@@ -86,6 +112,9 @@ def draw(name: str, quick: bool) -> dict[str, object]:
         pictures = sorted(Path(folder).rglob("*.png"))
         if pictures:
             write_webp(pictures[0], HERE / "pictures" / f"{name}.webp")
+            settings = tomllib.loads((HERE / "thumbnails.toml").read_text(encoding="utf-8"))
+            thumbnail = HERE / "thumbnails" / f"{name}.webp"
+            write_thumbnail(pictures[0], thumbnail, settings[name]["box"])
     return {"digest": digest(name), "seconds": round(seconds, 1), "quick": quick}
 
 
@@ -98,7 +127,8 @@ def main() -> None:
     given = parser.parse_args()
     file = HERE / "runs.json"
     runs = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
-    (HERE / "pictures").mkdir(exist_ok=True)
+    for folder in ("pictures", "thumbnails"):
+        (HERE / folder).mkdir(exist_ok=True)
     known = scripts()
     if unknown := set(given.scripts) - set(known):
         parser.error(f"there is no script {', '.join(sorted(unknown))} in {EXAMPLES}.")

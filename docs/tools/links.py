@@ -1,29 +1,36 @@
-"""Check every link of the built site: python docs/tools/links.py site
+"""Check every page of the built site: python docs/tools/links.py site
 
-Relative links lead to a file of the site, fragments to an element of that page, and nothing that a
-page loads (scripts, styles, pictures) comes from elsewhere: the site is read without a network.
+Relative links lead to a file of the site, and fragments to an element of that page. Pages load no
+file from the network. Printed output of tutorials holds no warning of a library or a compiler.
 """
 
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 LOADED = {"img": "src", "script": "src", "source": "src", "video": "src", "iframe": "src"}
+_OUTPUT = re.compile(r'<div class="output (?:stream|stderr|traceback).*?</pre>', re.DOTALL)
+_WARNING = re.compile(
+    r"[^\n>]*(?:warning\b|deprecat|PoCL's compiler|compiler of PoCL)[^\n<]*", re.IGNORECASE
+)
 
 
 class Page(HTMLParser):
-    """Links and identifiers of a page."""
+    """Links, identifiers and printed warnings of a page."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()
+        text = path.read_text(encoding="utf-8")
+        self.warnings = [line for box in _OUTPUT.findall(text) for line in _WARNING.findall(box)]
         self.links: list[str] = []
         self.loaded: list[str] = []
         self.ids: set[str] = set()
-        self.feed(path.read_text(encoding="utf-8"))
+        self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         """Collect what a tag names."""
@@ -38,11 +45,13 @@ class Page(HTMLParser):
 
 
 def faults(site: Path) -> Iterator[str]:
-    """A sentence for every link that leads nowhere."""
+    """Yield a sentence for every broken link and every printed warning."""
     files = [path for path in sorted(site.rglob("*.html")) if "_static" not in path.parts]
     pages = {path.resolve(): Page(path) for path in files}
     for path, page in pages.items():
         where = path.relative_to(site.resolve())
+        for line in page.warnings:
+            yield f"{where} prints {line.strip()}"
         for link in page.loaded:
             if urlsplit(link).netloc:
                 yield f"{where} loads {link} from the net"
@@ -66,7 +75,7 @@ def main() -> None:
     site = parser.parse_args().site
     found = list(faults(site))
     count = len(list(site.rglob("*.html")))
-    print(*found, f"{count} pages, {len(found)} broken links", sep="\n")
+    print(*found, f"{count} pages, {len(found)} faults", sep="\n")
     raise SystemExit(bool(found) or not count)
 
 
