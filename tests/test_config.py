@@ -608,7 +608,7 @@ def test_what_is_said_about_an_odd_picture(tmp_path: Path):
     for values, keys, said in (
         (np.ones((3, 4), np.uint16), "srgb = true", r"a\.tif: srgb = true needs 8-bit values, "),
         (np.float32([[0.2, 3.0]]), 'mode = "transmission"', r"a\.tif: .* transmit at most 1"),
-        (np.ones((3, 4), np.complex64), "", r"The picture .*a\.tif must have real samples, got complex64"),
+        (np.ones((3, 4), np.complex64), "", r"a\.tif must have real samples, got complex64"),
     ):
         if values is None:
             (tmp_path / "a.tif").write_text("no picture")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1] / "clplen"
@@ -12,16 +13,72 @@ PACKAGE = Path(__file__).parents[1] / "clplen"
 # A docstring begins with a verb in the imperative or a noun phrase; a parameter's description with
 # a noun or an article.
 FRAGMENTS = frozenset(
-    "what whether how of those which that where when by as with about from without same all one "
-    "whose in to for at on if than".split()
+    {
+        "what",
+        "whether",
+        "how",
+        "of",
+        "those",
+        "which",
+        "that",
+        "where",
+        "when",
+        "by",
+        "as",
+        "with",
+        "about",
+        "from",
+        "without",
+        "same",
+        "all",
+        "one",
+        "whose",
+        "in",
+        "to",
+        "for",
+        "at",
+        "on",
+        "if",
+        "than",
+    }
 )
 # Function words and participles, which name nothing.
 BANNED_NAMES = frozenset(
-    "found made one place places said told kept held seen known words beside own wanted given "
-    "taken least most fewest few many shown asked meant same here there still whole".split()
+    {
+        "found",
+        "made",
+        "one",
+        "place",
+        "places",
+        "said",
+        "told",
+        "kept",
+        "held",
+        "seen",
+        "known",
+        "words",
+        "beside",
+        "own",
+        "wanted",
+        "given",
+        "taken",
+        "least",
+        "most",
+        "fewest",
+        "few",
+        "many",
+        "shown",
+        "asked",
+        "meant",
+        "same",
+        "here",
+        "there",
+        "still",
+        "whole",
+    }
 )
 # Parts of names that tell no reader what is named.
-BANNED_PARTS = frozenset("said told asked meant shown wanted".split())
+BANNED_PARTS = frozenset({"said", "told", "asked", "meant", "shown", "wanted"})
 DESCRIBED = re.compile(r"[\w*, ]+ : \S")
 MAX_PRIVATE_LINES = 3  # lines of a docstring of a private definition
 
@@ -38,13 +95,13 @@ def fragments(node: Definition, text: str) -> Iterator[str]:
     if first_word(text) in FRAGMENTS:
         yield f"docstring begins as a fragment: {text.splitlines()[0]}"
     lines = text.splitlines()
-    for head, body in zip(lines, lines[1:], strict=False):
-        if DESCRIBED.match(head) and body.startswith("    ") and body.split():
-            if first_word(body) in FRAGMENTS:
-                yield f"description begins as a fragment: {head}: {body.strip()}"
-    if node.name.startswith("_") and not node.name.endswith("__"):
-        if len(lines) > MAX_PRIVATE_LINES:
-            yield f"private docstring has {len(lines)} lines, at most {MAX_PRIVATE_LINES}"
+    for head, body in pairwise(lines):
+        described = DESCRIBED.match(head) and body.startswith("    ") and body.split()
+        if described and first_word(body) in FRAGMENTS:
+            yield f"description begins as a fragment: {head}: {body.strip()}"
+    is_private = node.name.startswith("_") and not node.name.endswith("__")
+    if is_private and len(lines) > MAX_PRIVATE_LINES:
+        yield f"private docstring has {len(lines)} lines, at most {MAX_PRIVATE_LINES}"
 
 
 def names(tree: ast.AST) -> Iterator[tuple[int, str]]:

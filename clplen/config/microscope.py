@@ -258,8 +258,8 @@ def _simulable(
         pixels = whole_pixels(across)
     if not MIN_PIXELS_PER_PITCH * across <= pixels <= PIXELS.high:
         raise FormatError(
-            f"{path}: the number of pixels per lenslet must be {math.ceil(MIN_PIXELS_PER_PITCH * across)} to "
-            f"{PIXELS.high:g} for frames with {across:.5g}, got {pixels}: change it, or leave it "
+            f"{path}: the number of pixels per lenslet must be "
+            f"{math.ceil(MIN_PIXELS_PER_PITCH * across)} to {PIXELS.high:g} for frames with {across:.5g}, got {pixels}: change it, or leave it "
             "out."
         )
     size = array.pitch_um / pixels

@@ -209,7 +209,8 @@ def _write_volume(
         )
     result_remarks = series.diagnose(frame, result)
     _note_remarks(page, result_remarks)
-    metadata = {"remarks": checks + remarks + result_remarks, "place": series.voxel_grid(), "job": job}
+    remarks = checks + remarks + result_remarks
+    metadata = {"remarks": remarks, "place": series.voxel_grid(), "job": job}
     write_result(output, result, series.images, more=metadata, replace=True)
     size = " x ".join(str(n) for n in result.volume.shape)
     text = f"{output} holds {size} voxels (z, y, x) of {series.images.side * 1e6:.4g} um "

@@ -136,7 +136,9 @@ def samples(source: Source, *, device: Device, layout: Layout, progress: bool) -
     shape = shape_of(source, layout)
     array = device.empty(shape, device_dtype(source.dtype))
     nbytes_total = math.prod(shape) * source.dtype.itemsize
-    bar = progress_bar(total=nbytes_total, desc="reading", unit="B", unit_scale=True, disable=not progress)
+    bar = progress_bar(
+        total=nbytes_total, desc="reading", unit="B", unit_scale=True, disable=not progress
+    )
     everything = tuple(slice(0, n) for n in shape[:4])
     with device.on_host(array) as host, bar:
         for nbytes in _fill_blocks(source, layout, everything, host):
