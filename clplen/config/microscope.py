@@ -259,8 +259,8 @@ def _simulable(
     if not MIN_PIXELS_PER_PITCH * across <= pixels <= PIXELS.high:
         raise FormatError(
             f"{path}: the number of pixels per lenslet must be "
-            f"{math.ceil(MIN_PIXELS_PER_PITCH * across)} to {PIXELS.high:g} for frames with {across:.5g}, got {pixels}: change it, or leave it "
-            "out."
+            f"{math.ceil(MIN_PIXELS_PER_PITCH * across)} to {PIXELS.high:g} for frames "
+            f"with {across:.5g}, got {pixels}: change it, or leave it out."
         )
     size = array.pitch_um / pixels
     min_binning = math.floor(size / _coarsest(camera)) + 1
