@@ -71,25 +71,25 @@ def test_pairs_are_y_and_x_and_share_the_last_unit():
     assert pair.convert("5x6.6um", None, None) == (5e-6, 6.6e-6)
     assert pair.convert("5mm x 6.6um", None, None) == (5e-3, 6.6e-6)
     assert pair.convert("6.6um", None, None) == (6.6e-6, 6.6e-6)
-    assert Lengths(one=False).convert("-1x2mm", None, None) == (-1e-3, 2e-3)
+    assert Lengths(accepts_single=False).convert("-1x2mm", None, None) == (-1e-3, 2e-3)
     assert Shape().convert("20x30", None, None) == (20, 30)
     assert Shape().convert("30", None, None) == (30, 30)
 
 
 def test_bad_words_are_one_sentence():
     for words, message in (
-        (["--z", "24o"], "'24o' is no length: give a number with a unit"),
+        (["--z", "24o"], "'24o' is not a length: give a number with a unit"),
         (["--z", "6,6um"], "a decimal point, not a comma"),
         (["--z", "5nn"], "the units are pm, nm, um, mm, cm, m, km"),
         (["--z", "1e13m"], "out of range: use 1 pm to 1e12 m"),
         (["--pitch", "0"], "the length must be positive, got '0'"),
         (["--pitch", "1x2x3um"], "is not a pair YxX"),
-        (["--shape", "3.5"], "'3.5' is no number of samples: give a whole number"),
+        (["--shape", "3.5"], "'3.5' is not a number of samples: give a whole number"),
         (["--shape", "0"], "a side has 1 to 1,000,000 samples"),
         (["--method", "asm"], "'asm' is not one of 'auto', 'as'"),
         (["--pad", "nan", "--z", "1m"], "pad must be at least 1 and finite"),
         (["--out-offset", "5mm"], "give y and x, such as 0x5mm"),
-        (["--lens", "0"], "the length is not 0"),
+        (["--lens", "0"], "the length must not be 0"),
         (["--diameter", "3mm"], "needs --lens or --lenslets"),
         (["--arriving", "3mm"], "--arriving needs --lens"),
         (["--z", "0", "--method", "fresnel-1fft"], "is 0 at z = 0"),
@@ -103,7 +103,7 @@ def test_no_device_is_needed(monkeypatch: pytest.MonkeyPatch):
         raise AssertionError("a device was looked for")
 
     monkeypatch.setattr(cl, "get_platforms", none)
-    assert "auto takes as: f_geo + guard >= f_nyq" in said(*THESIS, "--z", "240mm")
+    assert "auto selects as: f_geo + guard >= f_nyq" in said(*THESIS, "--z", "240mm")
 
 
 def test_the_figures_of_the_thesis():
@@ -117,7 +117,7 @@ def test_the_figures_of_the_thesis():
     assert "R = 1.8 mm; R_max = lam f/(2 dx) = 5 mm: sampled" in text
     assert "f/33.33; fastest sampled dx/lam: f/12" in text
     # D/(2 z) = .0075: d/(2 f_mu) <= .041667 - .0075
-    assert "in a plane wave d/(2 f) = 0.008333; limit lam/(2 dx) = 0.04167: sampled, " in text
+    assert "plane wave d/(2 f) = 0.008333; limit lam/(2 dx) = 0.04167: sampled, " in text
     assert "for f from 1.8 mm on" in text
     assert "lens 240 mm away d/(2 f) = 0.008333 + D/(2 z) = 0.0075;" in text
     assert "for f from 2.195 mm on" in text
@@ -197,7 +197,7 @@ def test_two_axes_and_another_output():
     assert "samples 640 x 480 of 5 um x 6.6 um (y x)" in text
     assert "Nyquist y 100 cycles/mm, half angle 3.153 deg" in text
     assert "Nyquist x 75.76 cycles/mm, half angle 2.388 deg" in text
-    assert "auto takes cblas: the output has another pitch or centre" in text
+    assert "auto selects cblas: the output has another pitch or centre" in text
     assert "100 x 101 samples of 1 um, window 100 um x 101 um (y x), centre -1 mm x 2 mm" in text
     assert "blas any no, sets its own grid" in text
     assert "cblas any yes" in text
@@ -214,7 +214,7 @@ def test_a_line_of_samples_and_a_single_one():
 def test_a_lens_wider_than_the_window_and_too_strong():
     result = run(*THESIS, "--lens", "10mm", "--diameter", "25mm")
     assert result.exit_code == 0
-    assert "The window of 20 mm is smaller than the lens" in result.stderr
+    assert "the window of 20 mm is smaller than the lens" in result.stderr
     assert "aliased beyond R_max = 416.7 um" in result.stderr
     assert ": aliased" in result.stdout
 

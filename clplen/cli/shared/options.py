@@ -188,7 +188,8 @@ class Length(click.ParamType):
         if length and not MIN_LENGTH <= abs(length) <= MAX_LENGTH:
             self.fail(f"{text!r} is out of range: use 1 pm to 1e12 m, or 0.", param, ctx)
         if (self.sign == "positive" and length <= 0) or (self.sign == "not 0" and length == 0):
-            self.fail(f"the length must be {self.sign}, got {text!r}.", param, ctx)
+            condition = "not be 0" if self.sign == "not 0" else f"be {self.sign}"
+            self.fail(f"the length must {condition}, got {text!r}.", param, ctx)
         return length
 
     def _refuse(self, text: str, param: Any, ctx: Any) -> NoReturn:

@@ -117,9 +117,8 @@ def test_planes_are_told_from_the_objective_on(
 ) -> None:
     (tmp_path / "k.toml").write_text(KNOWN)
     words = ("--planes-um", "2.5:-2.5:3", "--cut", 0.02, "--device", device.place, "-o", psf)
-    assert (
-        "they are taken from -2.5 to 2.5 um" in done(run("psf", tmp_path / "k.toml", *words)).stderr
-    )
+    result = done(run("psf", tmp_path / "k.toml", *words))
+    assert "is nearest to the objective: -2.5 to 2.5 um" in result.stderr
     monkeypatch.setattr(sys.modules["clplen.microscopy.model.psf"], "point_images", stopped)
     words = ("--planes-um", "-400:20:2", "--device", device.place, "-o", tmp_path / "p.h5")
     result = run("psf", tmp_path / "k.toml", *words)
