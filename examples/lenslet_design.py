@@ -155,7 +155,7 @@ def camera_contrast(cam: Plenoptic2, v: float) -> float:
     """Of its blended picture of a point at a virtual depth, for FREQUENCY on the sensor."""
     image = cam.array_distance - v * B  # from the main lens
     distance = 1 / (1 / cam.focal_length - 1 / image)
-    transfer, _ = depth_scan(cam, [distance - cam.object_distance], places=1, errors=False)
+    transfer, _ = depth_scan(cam, [distance - cam.object_distance], positions=1, errors=False)
     return float(transfer.curves[0].contrast(FREQUENCY * image / distance / v))
 
 
