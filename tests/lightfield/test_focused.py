@@ -178,13 +178,13 @@ def test_a_captured_image_with_its_xml(device: Device, tmp_path: Path) -> None:
 
 def test_bad_input_is_refused_in_a_sentence(raw: RawImage) -> None:
     for words, message in (
-        ({"m": 0.0}, "other than 0, not 0.0"),
+        ({"m": 0.0}, "other than 0, got 0.0"),
         ({"m": math.nan}, "finite number"),
-        ({"m": 1.0}, "seen by 1 lenslets on average"),
+        ({"m": 1.0}, "only 1 lenslets on average see"),
         ({"m": -1.4}, "abs\\(m\\) must be below 1"),
         ({"m": 0.01396}, "main lens' pupil"),
         ({"method": "patches"}, "method must be 'basic', 'blended', 'depth'"),
-        ({"interpolation": "nearest"}, "interpolation is one of"),
+        ({"interpolation": "nearest"}, "interpolation must be"),
         ({"patch": 31.0}, "at most a sub-image"),
         ({"patch": -2.0}, "positive number of pixels"),
         ({"method": "depth", "patch": 5.0}, "omit patch"),
