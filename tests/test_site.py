@@ -114,7 +114,7 @@ def test_users_of_a_public_name(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("sphinx", reason="Sphinx: pip install '.[docs]'")
     monkeypatch.syspath_prepend(str(DOCS / "extensions"))
     examples = load("extensions/api_examples.py")
-    code = "import clplen\nfrom clplen.analysis import score as s\nclplen.plot.depth(s)"
+    code = "import clplen\nfrom clplen import analysis as a\nclplen.plot.depth(a.score(x))"
     assert examples.names_in(code) == {"clplen.analysis.score", "clplen.plot.depth"}
     assert set(examples.related_names()) <= set(examples.documented().values())
     calls = tomllib.loads((DOCS / "images/plots.toml").read_text(encoding="utf-8"))["calls"]
