@@ -153,7 +153,7 @@ def test_types_that_numpy_lacks_and_other_devices_of_torch() -> None:
     torch = pytest.importorskip("torch", reason='PyTorch: pip install "clplen[torch]"')
     with pytest.raises(TypeError, match=r"A frame must be .* got torch\.bfloat16 .*convert it"):
         host_array(torch.ones(3, dtype=torch.bfloat16), "A frame")
-    with pytest.raises(TypeError, match=r"A frame is .* not of torch\.float32 .*convert it"):
+    with pytest.raises(TypeError, match=r"A frame must be .* got torch\.float32 .*convert it"):
         host_array(torch.ones(3, 3).to_sparse(), "A frame")
     with pytest.raises(TypeError, match=r"on meta: copy it first"):
         host_array(torch.ones(3, device="meta"), "A frame")
