@@ -53,6 +53,8 @@ nb_execution_raise_on_error = True
 nb_execution_in_temp = True
 nb_merge_streams = True
 
+smartquotes = False  # options begin with two hyphens, also in text
+
 # docstrings
 autosummary_generate = True
 autosummary_ignore_module_all = False

@@ -40,7 +40,7 @@ def __getattr__(name: str) -> click.Command:
 def command_page(words: str) -> str:
     """The page of a command, in reStructuredText."""
     target = f"command_pages:{_attribute(words)}"
-    lines = [words, "=" * len(words), "", f".. click:: {target}", f"   :prog: {words}"]
+    lines = [f".. click:: {target}", f"   :prog: {words}"]
     return "\n".join([*lines, "   :nested: none", ""])
 
 
@@ -53,6 +53,20 @@ def write_pages(app: Sphinx, _config: object) -> None:
     remove_others(folder, {*pages, folder / "index.md"})
 
 
+def show_examples_as_code(app: Sphinx, ctx: click.Context, lines: list[str]) -> None:
+    """Turn the indented lines of a block of help, its commands, into a code block."""
+    text: list[str] = []
+    for line in lines:
+        is_command = line.startswith("|  ")
+        if is_command and not (text and text[-1].startswith("   ")):
+            text += ["", ".. code-block:: sh", ""]
+        elif not is_command and text and text[-1].startswith("   "):
+            text.append("")
+        text.append("   " + line[1:].strip() if is_command else line)
+    lines[:] = text
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("config-inited", write_pages)
+    app.connect("sphinx-click-process-description", show_examples_as_code)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
