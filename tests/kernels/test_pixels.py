@@ -17,7 +17,7 @@ def test_sums_over_pixels(device: Device, width: float, tile: tuple[int, int]) -
     field = generator.normal(size=(2, 61, 73, 2)) @ (1, 1j)
     start = generator.random((9, 12))
     total = device.upload(start.astype(device.real))
-    sums = PixelSums(first=(17, 20), step=4, width=width, place=(2, 3), shape=(5, 7))
+    sums = PixelSums(first=(17, 20), step=4, width=width, pixel=(2, 3), shape=(5, 7))
     gain = 0.3 * generator.random(tile) if tile != (1, 1) else np.array([[0.3]])
     given = gain if tile != (1, 1) else 0.3
     sums.put(total, device.upload(field.astype(device.complex)), 1, given, device)

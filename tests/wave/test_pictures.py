@@ -107,7 +107,7 @@ def test_bad_pictures(device):
         ({"centre": (1e-6, 0)}, ValueError, "requires a pitch"),
         ({"pitch": 0}, ValueError, "picture's pitch must be positive"),
         ({"pitch": (1e-6, np.nan)}, ValueError, "picture's pitch must be positive"),
-        ({"pitch": 1e-6, "centre": (0, np.inf)}, ValueError, "centre of a picture is finite"),
+        ({"pitch": 1e-6, "centre": (0, np.inf)}, ValueError, "centre of a picture must be finite"),
     ]:
         values = {"amplitude": np.ones((5, 6))} | change
         with pytest.raises(error, match=message):

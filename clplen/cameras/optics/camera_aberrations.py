@@ -101,7 +101,7 @@ class LensletScatter:
         return self.focal_length == self.tilt == self.position == 0
 
     def draw(self, count: tuple[int, int]) -> tuple[Values, Values, Values]:
-        """Draw f/f_designed, tilt and position (y, x): shapes ``count`` and twice (*count, 2)."""
+        """Draw f/f_designed, tilt and position (y, x), shapes ``count`` and ``(*count, 2)``."""
         sizes = (count, (*count, 2), (*count, 2))
         rms = (self.focal_length, self.tilt, self.position)
         focal, tilt, position = (
