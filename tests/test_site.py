@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.util
+import inspect
 import json
 import re
 import sys
@@ -13,6 +15,8 @@ from types import ModuleType
 
 import pytest
 from PIL import Image
+
+from clplen import plot
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -120,6 +124,9 @@ def test_users_of_a_public_name(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = tomllib.loads((DOCS / "images/plots.toml").read_text(encoding="utf-8"))["calls"]
     assert {f"clplen.plot.{name}" for name in calls} <= set(examples.documented().values())
     assert {file.stem for file in (DOCS / "images/plots").iterdir()} == set(calls)
+    for name, call in calls.items():
+        keywords = {keyword.arg for keyword in ast.parse(call, mode="eval").body.keywords}
+        assert keywords <= set(inspect.signature(getattr(plot, name)).parameters), call
 
 
 def test_keys_of_toml_files() -> None:
