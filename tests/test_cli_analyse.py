@@ -61,6 +61,9 @@ def test_a_pair_is_compared(run: Run, tmp_path: Path, device: Device) -> None:
     text = (out / "report.md").read_text()
     assert "| `standard` | `focused` |" in text
     assert "**usable MTF50**: `focused` wins" in text
+    page = (out / "report.html").read_text()
+    assert page.count("data:image/png;base64,") == 6
+    assert "<strong>usable MTF50</strong>: <code>focused</code> wins" in page
     shown, mark, files = text.partition("<!-- Written by clplen: ")
     assert shown.strip() in result.output
     assert mark
@@ -78,8 +81,10 @@ def test_only_some_of_one_camera(run: Run, tmp_path: Path, device: Device) -> No
     assert result.exit_code == 0, result.output
     assert "| | `_$5_$9^\\n\\udcff\\|` | unit |" in result.stdout
     names = {file.name for file in (tmp_path / "out").iterdir()}
-    assert names == {"report.md", "summary.csv", "sampling.csv", "sampling.png"}
+    assert names == {"report.html", "report.md", "summary.csv", "sampling.csv", "sampling.png"}
     assert "What limits it" in result.output
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "<code>_$5_$9^\\n\\udcff|</code>" in page
 
 
 def test_depths_that_nothing_uses_are_told(run: Run) -> None:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from clplen.config.camera_file import CameraFile
 
 _NAMES = ("standard", "focused")
-_REPORT = "report.md"
+_REPORT, _PAGE = "report.md", "report.html"
 
 
 def _print_example(ctx: click.Context, _: click.Parameter, kind: str | None) -> None:
@@ -32,7 +32,7 @@ def _print_example(ctx: click.Context, _: click.Parameter, kind: str | None) -> 
 @click.argument(
     "cameras", metavar="CAMERA.toml...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )
-@options.output("FOLDER", "Output folder for report.md, tables (CSV) and figures (PNG).")
+@options.output("FOLDER", "Output folder for the report, tables (CSV) and figures (PNG).")
 @click.option(
     "--only",
     metavar="NAMES",
@@ -163,6 +163,7 @@ def _scenes(files: dict[str, CameraFile]) -> dict[str, Any]:
 def _write(folder: Path, comparison: Comparison) -> tuple[str, str]:
     """Write the report, tables and figures; return the report and the list of files."""
     from clplen import plot
+    from clplen.analysis.report.page import page
     from clplen.analysis.report.summary import report
     from clplen.analysis.report.tables import tables
     from clplen.outputs import listed
@@ -174,9 +175,11 @@ def _write(folder: Path, comparison: Comparison) -> tuple[str, str]:
     figures = plot.comparison(comparison)
     for name, figure in figures.items():
         plot.save(figure, folder / f"{name}.png")
-    names = [_REPORT, *(f"{name}.csv" for name in csv), *(f"{name}.png" for name in figures)]
+    pictures = {name: (folder / f"{name}.png").read_bytes() for name in figures}
+    (folder / _PAGE).write_text(page(comparison, pictures), encoding="utf-8")
+    names = [_REPORT, _PAGE, *(f"{name}.csv" for name in csv), *(f"{name}.png" for name in figures)]
     (folder / _REPORT).write_text(f"{text}\n{listed(names)}", encoding="utf-8")
-    return text, f"report.md, {_names(csv, 'csv')} and {_names(figures, 'png')}"
+    return text, f"report.html, report.md, {_names(csv, 'csv')} and {_names(figures, 'png')}"
 
 
 def _names(contents: dict[str, Any], ending: str) -> str:
