@@ -237,6 +237,7 @@ LONG = (
     "docs/howto/compare_designs.md",
     "docs/howto/napari_and_fiji.md",
     "docs/howto/nerf_and_splats.md",
+    "docs/howto/phone_or_slider.md",
     "docs/howto/point_cloud.md",
     "docs/howto/refocus_in_metres.md",
     "docs/howto/stereo_and_lenticular.md",
@@ -248,6 +249,7 @@ LONG = (
     "docs/scenes.md",
     "docs/start/first_picture.md",
     "docs/start/own_light_field.md",
+    "docs/tutorials/exercises.md",
 )
 
 
