@@ -80,9 +80,10 @@ def _draw_lenslets(axes: Axes, cam: Plenoptic) -> None:
     """Draw lenslets about the axis, and the images of the pupil behind them."""
     p = cam.mla.pitch
     ny, nx = cam.mla.count
-    for y, x in _centres(cam):
-        axes.add_patch(_lenslet(cam, y, x))
-        axes.add_patch(_pupil_image(cam, y, x))
+    centres = _centres(cam)
+    for draw in (_lenslet, _pupil_image):  # images above all lenslets, so that overlaps show
+        for y, x in centres:
+            axes.add_patch(draw(cam, y, x))
     axes.set_title(f"lenslets: {nx} x {ny}, {length_text(p)}")
     _frame(axes, _LENSLETS * p / 2, "green: image of the pupil behind each")
 

@@ -31,6 +31,7 @@ CROPS = {
     "viewer": (IMAGES / "viewer.jpg", (0.0, 0.0, 1.0, 1.0)),
     "tracks": (IMAGES / "microscope_tracks.png", (0.02, 0.06, 0.33, 0.44)),
     "vesicle": (IMAGES / "microscope.png", (0.01, 0.05, 0.33, 0.9)),
+    "slider": (IMAGES / "phone_or_slider.webp", (0.022, 0.548, 0.442, 0.976)),
     "lytro": (GALLERY / "fig_4_7_real_cameras.webp", (0.005, 0.16, 0.185, 0.84)),
 }
 

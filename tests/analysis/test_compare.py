@@ -354,6 +354,13 @@ def test_verdicts_follow_from_the_numbers(device: Device, tmp_path: Path) -> Non
     lines = depth_verdicts(found)
     assert lines[0].startswith("at dz -1 mm: `wide`")
     assert "`narrow` none" in lines[0]
+    equal = replace(known[0], name="equal")
+    ties = depth_verdicts(Comparison((known[0], equal, known[1]), ("transfer",)))
+    assert ties[0].startswith("at dz -1 mm: `wide`, `equal` are equally good (`wide` ")
+    dark = replace(known[1], transfer=DepthTransfer(dz, (None, None), ("too near", "too near")))
+    assert depth_verdicts(Comparison((dark,), ("transfer",))) == [
+        "at dz -1 to 0 mm: none (`narrow` none cycles/mm of the object)"
+    ]
     text = report(found)
     assert "| crosstalk | 0.1 | 0.03 |  |" in text
     made = tables(found)

@@ -114,25 +114,33 @@ def judge(criterion: Criterion, cameras: Sequence[Measured]) -> str:
 
 
 def depth_verdicts(comparison: Comparison) -> list[str]:
-    """Return a sentence for each run of depths with the camera that resolves most."""
+    """Return a sentence for each run of depths with the cameras that resolve most."""
     cameras = [measured for measured in comparison.cameras if measured.transfer is not None]
     if not cameras:
         return []
     depths = cameras[0].transfer.dz  # type: ignore[union-attr]
-    best: list[tuple[float, str, list[float]]] = []
-    for k, dz in enumerate(depths):
-        values = [usable_over_depth(measured)[k] for measured in cameras]
-        name = "none" if np.isnan(values).all() else cameras[int(np.nanargmax(values))].name
-        best.append((float(dz), name, values))
+    usable = np.transpose([usable_over_depth(measured) for measured in cameras])
+    verdicts = [_best_names(cameras, values) for values in usable]
     lines = []
-    for first, last in _runs([name for _, name, _ in best]):
-        table = np.array([v for _, _, v in best[first : last + 1]]) * 1e-3
-        span = _span(best[first][0], best[last][0])
+    for first, last in _runs(verdicts):
+        table = usable[first : last + 1] * 1e-3
+        span = _span(depths[first], depths[last])
         numbers = ", ".join(
             f"`{measured.name}` {_range(table[:, k])}" for k, measured in enumerate(cameras)
         )
-        lines.append(f"at dz {span}: `{best[first][1]}` ({numbers} cycles/mm of the object)")
+        lines.append(f"at dz {span}: {verdicts[first]} ({numbers} cycles/mm of the object)")
     return lines
+
+
+def _best_names(cameras: Sequence[Measured], values: Any) -> str:
+    """Return the camera with the largest value, or the cameras that tie with it."""
+    pairs = zip(values, cameras, strict=True)
+    finite = [(value, f"`{measured.name}`") for value, measured in pairs if np.isfinite(value)]
+    largest = max((value for value, _ in finite), default=math.nan)
+    names = [name for value, name in finite if _ratio(largest, value) < MAX_TIE_RATIO]
+    if len(names) > 1:
+        return f"{', '.join(names)} are equally good"
+    return names[0] if names else "none"
 
 
 def usable_over_depth(measured: Measured) -> Any:
