@@ -224,7 +224,7 @@ WRONG: list[tuple[Any, type[Exception], str]] = [
     (lambda: ColorFilterArray(["R"], {"R": 0.5}), TypeError, "got float"),
     (lambda: ColorFilterArray(["R"], CURVES, per="watt"), ValueError, "'photon' or"),
     (lambda: PixelArray(filters="RGGB"), TypeError, r"ColorFilterArray.bayer\('RGGB'\)"),
-    (lambda: PointSources((0, 0, 0), spectrum=5e-7), TypeError, "not float"),
+    (lambda: PointSources((0, 0, 0), spectrum=5e-7), TypeError, "got float"),
     (lambda: PicturePlane(np.ones((2, 2, 3)), 1e-3), ShapeError, "has 3 channels"),
     (
         lambda: PicturePlane(np.ones((2, 2, 3)), 1e-3, spectra=[LIGHT]),
