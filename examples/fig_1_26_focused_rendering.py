@@ -42,7 +42,7 @@ panels["r"].set(xlim=(9.5 * p, 2.5 * p), ylim=(2.5 * p, 9.5 * p), xlabel="x / mm
 names = ("rendered", "patches of m p/dx = 6.00 px", "patches of mu = 5.58 px", "blended")
 for name, title, one in zip("wabc", names, (right, wrong, right, render_focused(raw, **how)),
                             strict=True):
-    y, x = (axis * 1e3 for axis in one.places())
+    y, x = (axis * 1e3 for axis in one.positions())
     panels[name].imshow(pixels(one), cmap="gray", extent=(x[0], x[-1], y[-1], y[0]), vmin=0,
                         vmax=1, interpolation="nearest")
     low, high = ZOOM if name in "abc" else (x[0], x[-1])
