@@ -13,6 +13,7 @@ from clplen.cameras.optics.lenslet_camera import Kind, independent_views, views
 from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.cameras.optics.ray_optics import view_step
 from clplen.compute.device import DeviceLike
+from clplen.units import metres
 from clplen.wave.elements.lenslets import MicrolensArray
 
 
@@ -73,6 +74,9 @@ class Plenoptic1(Plenoptic):
         ny, nx = self.grid.shape
         limit = math.sqrt(2.44 * lam * f_mu)
         met = "met" if self.mla.diameter > limit else "not met"
+        near, far = (self.dz(1 + sign * p / D) for sign in (-1, 1))
+        end = metres(far, 3) if math.isfinite(far) else "infinity"
+        sharp = f"dz from -{metres(-near, 3)} to {end}"
         rows = (
             Row("focal length", self.focal_length, "m", "main lens"),
             Row("object distance", self.object_distance, "m", "focused plane to main lens"),
@@ -96,7 +100,12 @@ class Plenoptic1(Plenoptic):
                 "across, d^2/(lam f_mu), at most the views: diffraction blurs the sub-image",
             ),
             Row("Airy limit", limit, "m", f"lenslet diameter > sqrt(2.44 lam f_mu): {met}"),
-            Row("focus tolerance", p / D, "", "|1 - alpha| below p/D blurs less than a lenslet"),
+            Row(
+                "focus tolerance",
+                p / D,
+                "",
+                f"|1 - alpha| below p/D blurs less than a lenslet: {sharp}",
+            ),
             Row(
                 "disparity",
                 F / (f_mu * self.pixels_per_lenslet),

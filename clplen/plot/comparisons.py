@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from clplen.analysis.cameras.camera_psf import object_nyquist
 from clplen.analysis.cameras.comparison import Comparison, Measured
 from clplen.analysis.cameras.imaging import Rendered
 from clplen.plot.base import FigureDict, bar, new_figure, styled, verbatim
@@ -214,12 +215,14 @@ def transfer(comparison: Comparison) -> Figure:
         upper.plot(
             dz * 1e3, half * 1e-3, color=colour, marker=marker, ms=5, label=verbatim(measured.name)
         )
+        limit = np.array([object_nyquist(measured.camera, float(depth)) for depth in dz])
+        upper.plot(dz * 1e3, limit * 1e-3, color=colour, ls=":", lw=1.2)
         _depth_curves(panel, measured)
     upper.set(
         ylim=(0, None),
         xlabel="dz / mm (positive: farther from the lens)",
         ylabel="MTF50 / cycles per mm",
-        title="picture focused on its depth; frequencies of the object",
+        title="focused on each depth; frequencies of the object; dotted: half a cycle a sample",
     )
     upper.axvline(0, color="0.85", lw=0.7, zorder=0)
     upper.legend(frameon=False)
@@ -292,7 +295,7 @@ def pictures(comparison: Comparison) -> Figure:
         ny, nx = image.values.shape
         extent = [edge * 1e3 for edge in _extent(image)]
         panel.imshow(image.values, cmap="gray", vmin=0, extent=extent)
-        panel.set(title=f"{verbatim(measured.name)}: of {ny} x {nx} samples", ylabel="y / mm")
+        panel.set(title=f"{verbatim(measured.name)}: {ny} x {nx} samples", ylabel="y / mm")
         panel.set(xlim=(left * 1e3, right * 1e3), ylim=(bottom * 1e3, top * 1e3))
     panels[-1].set_xlabel("x / mm on the main lens' image")
     return figure

@@ -10,6 +10,7 @@ import pytest
 
 from clplen.analysis.cameras.camera_psf import DepthTransfer, line_curve
 from clplen.analysis.cameras.comparison import Comparison, Measured
+from clplen.analysis.cameras.crosstalk import camera_crosstalk
 from clplen.analysis.cameras.depth_scan import DepthErrors
 from clplen.analysis.cameras.sampling import sampling_of
 from clplen.analysis.point.psf import PSF
@@ -79,3 +80,22 @@ def test_reasons_are_given_where_they_make_the_numbers(device: Device) -> None:
     assert not inner.best_at_end
     assert DepthTransfer(dz, tuple(curves[::-1]), ("",) * 3).best_at_end
     assert "at the end of" not in report(Comparison((replace(sharp, transfer=inner),), names))
+
+
+def test_pixels_on_two_cells_are_named(device: Device) -> None:
+    """Even light on 5.4 x 5.4 pixels: a fractional count alone adds to crosstalk."""
+    mla = MicrolensArray(60e-6, 187e-6, count=9, fill="full")
+    fractional, whole = (
+        PlenopticCamera.type1(focal_length=0.05, mla=mla, wavelength=550e-9, object_distance=0.5,
+                              aperture_diameter=0.05 / 2.8, pixels_per_lenslet=n, device=device)
+        for n in (5.4, 5)
+    )  # fmt: skip
+    measured = [
+        Measured(name, camera, sampling_of(camera), crosstalk=camera_crosstalk(camera))
+        for name, camera in (("fractional", fractional), ("whole", whole))
+    ]
+    np.testing.assert_allclose([m.crosstalk for m in measured], (0.041, 0.010), atol=0.002)
+    (criterion,) = criteria(Comparison(tuple(measured), ("crosstalk",)))
+    sentence = judge(criterion, measured)
+    assert "`fractional`: includes the light of pixels on two cells, at 5.4 pixels" in sentence
+    assert "`whole`: includes" not in sentence

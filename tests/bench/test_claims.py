@@ -22,6 +22,8 @@ GIVEN = {
     "docs/batch.md",
     "docs/coherence.md",
     "docs/formats.md",
+    "docs/howto/four_f_filter.md",
+    "docs/howto/psf_of_a_lens.md",
     "docs/howto/stereo_and_lenticular.md",
     "docs/howto/white_image_not_found.md",
     "docs/tutorials/partial_coherence.md",

@@ -95,6 +95,16 @@ def test_steep_lenslets_magnify_the_image_of_the_pupil(device: Device) -> None:
         assert by_rays[1] / by_waves[1] == pytest.approx(expected, rel=1e-12)
 
 
+def test_the_description_of_the_focus_tolerance(device: Device) -> None:
+    """In metres on the object, and up to infinity for a camera focused far away."""
+    for focused, limits in ((0.5, "dz from -24 mm to 26.5 mm"), (20.0, "to infinity")):
+        camera = PlenopticCamera.type1(
+            focal_length=0.05, mla=MicrolensArray(100e-6, 311e-6, count=9, fill="full"),
+            wavelength=550e-9, object_distance=focused, aperture_diameter=0.05 / 2.8,
+            pixels_per_lenslet=9, device=device,
+        )  # fmt: skip
+        assert limits in str(camera.describe())
+
 
 def test_the_description_of_windows(device: Device) -> None:
     camera = read_camera(CAMERAS / "canon_50mm.toml", device=device, count=(11, 13))

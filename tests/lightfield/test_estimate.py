@@ -135,6 +135,12 @@ def test_in_focus(fields):
     assert found.disparity == pytest.approx(0.8 * (1 - found.alpha))
 
 
+def test_the_representation_names_the_depth(fields):
+    estimate = estimate_alpha(fields[0.05])
+    assert f"z={estimate.z:.6g}, " in repr(estimate)
+    assert f"z_uncertainty={estimate.z_uncertainty:.6g}, " in repr(estimate)
+
+
 def test_the_brightest_region_is_found(fields):
     for dz, lf in fields.items():
         # the image of (0.3, -0.5) mm, in lenslets

@@ -33,6 +33,15 @@ def test_aliased_lens_says_what_would_do(device):
     with pytest.warns(SamplingWarning, match="R_max"):
         thin_lens(ones(grid, device), 0.9 * f_min, diameter=400e-6, aliasing="warn")
     thin_lens(ones(grid, device), 0.9 * f_min, diameter=400e-6, aliasing="allow")
+    for form, f in (("paraxial", 0.9 * f_min), ("stigmatic", 0.3 * f_min)):
+        with pytest.raises(SamplingError) as refused:
+            thin_lens(ones(grid, device), f, diameter=400e-6, form=form)
+        pitch = float(str(refused.value).split("samples, of at most ")[1].split()[0])
+        assert 0.2 * grid.pitch[1] < pitch < grid.pitch[1]
+        finer = Grid((1, int(500e-6 / pitch)), pitch)
+        thin_lens(ones(finer, device), f, diameter=400e-6, form=form)
+        with pytest.raises(SamplingError):
+            thin_lens(ones(Grid(finer.shape, 1.002 * pitch), device), f, diameter=400e-6, form=form)
     with pytest.raises(SamplingError, match=r"R = 0.00025 m"):  # half of the window
         thin_lens(ones(grid, device), 2e-3)
 

@@ -228,6 +228,11 @@ Progress = Callable[[int, int], Any]
 class Comparison(OneLine):
     """Measurements of several cameras, as `compare` returns them.
 
+    A camera's name selects its measurements: the attributes ``sampling``, ``psf``, ``crosstalk``,
+    ``transfer`` (``dz``, ``curves``, ``mtf50``, ``best``), ``depth`` (``dz``, ``errors``, ``rms``)
+    and ``picture``, None if not measured, and the methods ``fwhm()``, ``mtf()``, ``strehl()``,
+    ``two_point_limit()``, ``radius(share)``.
+
     Attributes
     ----------
     cameras : tuple of Measured

@@ -182,6 +182,9 @@ def camera_crosstalk(camera: Plenoptic | Any) -> float:
     this lenslet's cell (`crosstalk`). A point of a 2.0 camera owns the sub-images of all lenslets
     in its cone of rays, D abs(a)/F wide on the array.
 
+    Pixels on two cells count in part. With a fractional ``pixels_per_lenslet`` they can raise the
+    result by several percent; a whole number shows the crosstalk of the optics.
+
     Parameters
     ----------
     camera : Plenoptic

@@ -88,13 +88,19 @@ def radius(measured: Measured) -> str:
 
 
 def crosstalk(measured: Measured) -> str:
-    """Describe the cause of crosstalk: tails of a lenslet's pattern, or aberrations.
+    """Describe the cause of crosstalk: shared pixels, tails of a lenslet, or aberrations.
 
     Beyond X lam b/d on either side, sinc^2 has the share 1/(pi^2 X), averaged over its zeros. A
     cell ends at X = N/2, N = d^2/(lam b); both axes together give tails of 4/(pi^2 N).
     """
     assert measured.crosstalk is not None
     c: Any = measured.camera
+    pixels = c.pixels_per_lenslet
+    if not is_focused(c) and not math.isclose(pixels, round(pixels), rel_tol=1e-6):
+        return (
+            f"includes the light of pixels on two cells, at {pixels:.4g} pixels a lenslet; compare "
+            f"whole numbers of pixels{_with_aberrations(measured)}"
+        )
     number = c.mla.diameter**2 / (c.wavelength * c.sensor_distance)
     tails = 4 / (math.pi**2 * number)
     if _explains(measured.crosstalk / tails):

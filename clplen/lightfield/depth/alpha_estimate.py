@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -100,8 +100,8 @@ class AlphaEstimate(OneLine):
     ...     focal_length=0.12, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=16
     ... )
     >>> raw = camera.expose(clplen.PointSources((0, 0, 0.03)), model="rays")
-    >>> found = clplen.estimate_alpha(clplen.LightField.from_raw(raw), at=(15, 15))
-    >>> found.at, found.method, bool(found.uncertainty > 0)
+    >>> estimate = clplen.estimate_alpha(clplen.LightField.from_raw(raw), at=(15, 15))
+    >>> estimate.at, estimate.method, bool(estimate.uncertainty > 0)
     ((15, 15), 'compensated', True)
     """
 
@@ -109,10 +109,10 @@ class AlphaEstimate(OneLine):
     z: float
     in_focus: bool
     uncertainty: float
-    curve: tuple[Real, Real]
+    curve: tuple[Real, Real] = field(repr=False)
     method: str
     disparity: float
-    disparities: Real
+    disparities: Real = field(repr=False)
     at: tuple[int, int]
     confidence: float = math.nan
     blur: float = math.nan
@@ -185,8 +185,8 @@ def estimate_alpha(
     >>> camera = clplen.PlenopticCamera.type1(
     ...     focal_length=10e-3, mla=mla, wavelength=550e-9, pixels_per_lenslet=9)
     >>> raw = camera.expose(clplen.PointSources((0, 0, 1e-3)))
-    >>> found = clplen.estimate_alpha(clplen.LightField.from_raw(raw), window=15)
-    >>> f"alpha = {found.alpha:.2f}, of the camera {camera.alpha(1e-3):.2f}"
+    >>> estimate = clplen.estimate_alpha(clplen.LightField.from_raw(raw), window=15)
+    >>> f"alpha = {estimate.alpha:.2f}, of the camera {camera.alpha(1e-3):.2f}"
     'alpha = 1.05, of the camera 1.05'
     """
     lf = as_lightfield(lf)

@@ -207,11 +207,13 @@ def check_lens_sampling(
         if not exceeds(used, largest):
             continue
         min_focal_length = sampled_from(used, **sampling, is_paraxial=is_paraxial)
+        max_pitch = wavelength * (abs(f) if is_paraxial else math.hypot(f, used)) / (2 * used)
         rule = "lam f/(2 dx)" if is_paraxial else "f q/sqrt(1 - q^2), q = lam/(2 dx),"
         message = (
             f"The phase of a lens of f = {f:g} m is aliased on samples of {grid.pitch[axis]:g} m: "
-            f"its radius is R = {used:.4g} m, R_max = {rule} = {largest:.4g} m; use a focal "
-            f"length of at least {min_focal_length:.4g} m."
+            f"its radius is R = {used:.4g} m, R_max = {rule} = {largest:.4g} m; use more "
+            f"samples, of at most {max_pitch * (1 - 5e-4):.4g} m, or a focal length of at least "
+            f"{min_focal_length:.4g} m."
         )
         act_on_aliasing(message, aliasing)
         return
