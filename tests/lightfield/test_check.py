@@ -80,7 +80,7 @@ def test_disparities_of_an_order_and_its_mirror(device):
     assert found[()].disparity == -mirrored
     assert min(abs(found[()].disparity - d) for d in (-0.9, 0.6)) < 0.1
     assert "mirrors the disparities" in str(report)
-    assert "cannot be seen without depth order" in str(report)
+    assert "exchanges near and far at equal sharpness" in str(report)
 
 
 def test_no_evidence(device):
