@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from clplen import plot
 from clplen.cameras.optics.pixel_array import PixelArray
@@ -235,11 +234,15 @@ def run(
     step("figures")
     titles = [f"focused on the {thing.name}" for thing in THINGS]
     plot.save(plot.raw_image(raw, details=_details(cam)), folder / "raw.png")
-    plot.save(_views_figure(lf), folder / "views.png")
+    mosaic = plot.views(lf, max_views=5, scale="root")
+    mosaic.axes[0].set_title(_views_title(lf.shape[0]), fontsize="medium")
+    plot.save(mosaic, folder / "views.png")
     triplet = plot.refocused(pictures, titles, scale="root")
     triplet.suptitle("One exposure, refocused on three distances")
     plot.save(triplet, folder / "refocused.png")
-    plot.save(_distance_figure(1e3 * distances), folder / "depth.png")
+    chart = distance_figure(1e3 * distances)
+    chart.axes[0].set_title(_distance_title(), fontsize="medium")
+    plot.save(chart, folder / "depth.png")
     step("page")
     subjects = {
         "light field": lf,
@@ -251,26 +254,16 @@ def run(
         temporary.write_text("\n\n".join([*tables, f"{MARK}."]) + "\n", encoding="utf-8")
 
 
-def _views_figure(lf: LightField) -> Figure:
-    """Return a mosaic of views with a title that explains it."""
-    figure = plot.views(lf, max_views=5, scale="root")
-    V, U = lf.shape[:2]
-    figure.axes[0].set_title(
-        f"The scene seen from {V} x {U} points of the main lens (5 x 5 of them shown).\n"
+def _views_title(views: int) -> str:
+    return (
+        f"The scene seen from {views} x {views} points of the main lens (5 x 5 of them shown).\n"
         "The corner views are dark: they lie beyond the edge of the round lens."
     )
-    return figure
 
 
-def _distance_figure(distances: Array) -> Figure:
-    """Return the map of distances in millimetres, with the true distances in its title."""
-    figure = distance_figure(distances)
+def _distance_title() -> str:
     true = ", ".join(f"{thing.name} {1e3 * thing.distance:.0f} mm" for thing in THINGS)
-    figure.axes[0].set_title(
-        f"Estimated distance (true: {true}).\nEstimates are less exact where outlines cross.",
-        fontsize="medium",
-    )
-    return figure
+    return f"Estimated distance, less exact where outlines cross\n(true: {true})"
 
 
 def _details(cam: Plenoptic1) -> dict[str, tuple[float, float]]:
