@@ -14,11 +14,15 @@ import time
 from pathlib import Path
 
 import batchworks
+import imageio.v3 as imageio
 import numpy as np
 import pytest
+import tifffile
 from command_line import invoke as clplen
 
 from clplen.batch import Job
+from clplen.batch.jobs.task import Report
+from clplen.cli.batch import _Bar
 from clplen.compute.device import Device
 
 
@@ -82,6 +86,55 @@ def test_a_damaged_file_of_a_series_is_done_alone_when_it_is_whole(job: Path):
     new = set((job.parent / "out").glob("*/*")) - set(made)
     assert {path.parent.name for path in new} == {damaged.stem}
     assert any(path.suffix == ".tif" for path in new)
+
+
+def _write_views(folder: Path, *, missing: str = "") -> None:
+    folder.mkdir(parents=True)
+    random = np.random.default_rng(len(folder.name))
+    for name in ("0_0", "0_1", "1_0", "1_1"):
+        if name != missing:
+            picture = random.integers(0, 255, (16, 16), np.uint8)
+            imageio.imwrite(folder / f"view_{name}.png", picture)
+
+
+def test_missing_views_are_allowed_without_repeating_the_other_items(tmp_path: Path):
+    """The dry run names the key of a job file, and only the incomplete item is computed."""
+    _write_views(tmp_path / "in" / "whole")
+    _write_views(tmp_path / "in" / "incomplete", missing="1_0")
+    job = batchworks.write_job(tmp_path)
+    estimate = clplen("batch", job, "--dry-run").output
+    assert "incomplete: fails: 1 of 2 x 2 views" in estimate
+    assert "Give them weight 0 by allow_missing = true." in estimate
+    assert "1 items done, 1 failed" in clplen("batch", job).output
+    stack = tmp_path / "out" / "whole" / "stack.ome.tif"
+    planes, inode = tifffile.imread(stack), stack.stat().st_ino
+    job.write_text(
+        job.read_text().replace('"in/*"\n', '"in/*"\nlayout = { allow_missing = true }\n')
+    )
+    again = clplen("batch", job, "--force")
+    assert again.exit_code == 0, again.output
+    assert "1 items done, 1 done before" in again.output
+    assert stack.stat().st_ino == inode
+    fresh = tmp_path / "fresh.toml"
+    fresh.write_text(job.read_text().replace('output = "out"', 'output = "fresh"'))
+    assert clplen("batch", fresh).exit_code == 0
+    fresh_planes = tifffile.imread(tmp_path / "fresh" / "whole" / "stack.ome.tif")
+    assert np.array_equal(fresh_planes, planes)
+
+
+def test_an_interrupt_reports_the_finished_items(job: Path, monkeypatch: pytest.MonkeyPatch):
+    report = _Bar.report
+
+    def interrupt(bar: _Bar, outcome: Report) -> None:
+        report(bar, outcome)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(_Bar, "report", interrupt)
+    done = clplen("batch", job)
+    assert done.exit_code == 130
+    assert "1 of 4 items are done; the next run continues." in done.output
+    monkeypatch.setattr(_Bar, "report", report)
+    assert "done before" in clplen("batch", job).output
 
 
 def test_wrong_words_get_one_sentence(job: Path, monkeypatch: pytest.MonkeyPatch):

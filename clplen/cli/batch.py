@@ -168,10 +168,11 @@ class _Bar(contextlib.AbstractContextManager["_Bar"]):
 
     def __init__(self) -> None:
         self._bar: tqdm[Any] | None = None
-        self._failed = 0
+        self._failed = self._done = self._total = 0
 
     def begin(self, *, total: int, skipped: int) -> None:
         """Open the bar; ``skipped`` of ``total`` items are already done."""
+        self._done, self._total = skipped, total
         if skipped:
             click.echo(f"{skipped} of {total} items are already done.", err=True)
         self._bar = tqdm(
@@ -190,13 +191,21 @@ class _Bar(contextlib.AbstractContextManager["_Bar"]):
             self._failed += 1
             with tqdm.external_write_mode(sys.stderr):
                 click.echo(f"{report.name} failed: {report.error}", err=True)
+        else:
+            self._done += 1
         postfix = f"{self._failed} failed" if self._failed else report.name
         self._bar.set_postfix_str(postfix, refresh=False)
         self._bar.update()
 
-    def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.close()
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if self._bar is None:
+            return
+        self._bar.close()
+        if kind is KeyboardInterrupt:
+            click.echo(
+                f"\n{self._done} of {self._total} items are done; the next run continues.",
+                err=True,
+            )
 
 
 def _print_summary(summary: Summary, job: Job, path: Path) -> None:
@@ -252,7 +261,8 @@ def _sizes(read: float, written: float) -> str:
 
 
 def _size(count: float) -> str:
-    return str(tqdm.format_sizeof(count, suffix="B", divisor=1000))
+    text = str(tqdm.format_sizeof(count, divisor=1000))
+    return f"{text} B" if text[-1].isdigit() else f"{text[:-1]} {text[-1]}B"
 
 
 def _clock(seconds: float) -> str:

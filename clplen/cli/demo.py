@@ -59,7 +59,9 @@ def demo(output: str, points: bool, lenslets: int, force: bool, selector: str | 
             step=lambda name: advance(bar, name),
             count=lenslets,
         )
+    pictures = ", ".join(name for name in experiment.FILES if name.endswith(".png"))
     click.echo(
         f"Open {folder}/demo.html in a browser: drag to look around, click to focus.\n"
+        f"Pictures: {pictures} in {folder}.\n"
         f"Next: clplen stack {folder}/lightfield.h5 -o stack.tif"
     )

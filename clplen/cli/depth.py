@@ -221,4 +221,4 @@ def _summary(depth: DepthMap) -> str:
     if not reliable.any():
         return f"{text}: the views show little detail, or differ in brightness."
     low, high = depth.disparity[reliable].min(), depth.disparity[reliable].max()
-    return f"{text}, from {low:.3f} to {high:.3f}."
+    return f"{text}; their minimum is {low:.3f}, their maximum {high:.3f}."

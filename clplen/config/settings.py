@@ -56,7 +56,7 @@ def commented(
         text = json.dumps(field.default if value is None else value)
         sentences = [field.description or ""]
         choices = choices_of(field.annotation)
-        if len(choices) > 1:
+        if len(choices) > 1 and not _names_all(sentences[0], choices):
             sentences.append(f"One of {', '.join(choices)}.")
         default = default_of(field)
         if field.is_required():
@@ -67,6 +67,11 @@ def commented(
         notes = textwrap.wrap(" ".join(sentences), _WIDTH - _COLUMN - 2)
         yield f"{line:<{_COLUMN - 1}} # {notes[0]}"
         yield from (f"{'':<{_COLUMN}}# {note}" for note in notes[1:])
+
+
+def _names_all(sentence: str, choices: Collection[str]) -> bool:
+    """Return True if a description already lists all choices, in quotes or before a colon."""
+    return all(f'"{choice}"' in sentence or f"{choice}:" in sentence for choice in choices)
 
 
 def choices_of(annotation: Any) -> list[str]:

@@ -234,9 +234,15 @@ def run(
     step("figures")
     titles = [f"focused on the {thing.name}" for thing in THINGS]
     plot.save(plot.raw_image(raw, details=_details(cam)), folder / "raw.png")
-    plot.save(plot.views(lf, max_views=5, scale="root"), folder / "views.png")
-    plot.save(plot.refocused(pictures, titles, scale="root"), folder / "refocused.png")
-    plot.save(distance_figure(1e3 * distances), folder / "depth.png")
+    mosaic = plot.views(lf, max_views=5, scale="root")
+    mosaic.axes[0].set_title(_views_title(lf.shape[0]), fontsize="medium")
+    plot.save(mosaic, folder / "views.png")
+    triplet = plot.refocused(pictures, titles, scale="root")
+    triplet.suptitle("One exposure, refocused on three distances")
+    plot.save(triplet, folder / "refocused.png")
+    chart = distance_figure(1e3 * distances)
+    chart.axes[0].set_title(_distance_title(), fontsize="medium")
+    plot.save(chart, folder / "depth.png")
     step("page")
     subjects = {
         "light field": lf,
@@ -246,6 +252,18 @@ def run(
     write_html(folder / "demo.html", subjects, title=TITLE, depth=depth)
     with replacing(folder / "tables.txt") as temporary:
         temporary.write_text("\n\n".join([*tables, f"{MARK}."]) + "\n", encoding="utf-8")
+
+
+def _views_title(views: int) -> str:
+    return (
+        f"The scene seen from {views} x {views} points of the main lens (5 x 5 of them shown).\n"
+        "The corner views are dark: they lie beyond the edge of the round lens."
+    )
+
+
+def _distance_title() -> str:
+    true = ", ".join(f"{thing.name} {1e3 * thing.distance:.0f} mm" for thing in THINGS)
+    return f"Estimated distance, less exact where outlines cross\n(true: {true})"
 
 
 def _details(cam: Plenoptic1) -> dict[str, tuple[float, float]]:

@@ -224,7 +224,7 @@ class Shades:
     def bar(self, figure: Figure, label: str, **options: Any) -> None:
         """Add the colour bar beside the axes ``ax``, or into the axes ``cax``."""
         if "ax" in options:
-            options |= {"shrink": 0.9, "pad": 0.02}
+            options = {"shrink": 0.9, "pad": 0.02} | options
         extend = clipped_sides(self._values, self.norm)
         figure.colorbar(
             self._drawn, label=label + scale_suffix(self._scale), extend=extend, **options

@@ -293,15 +293,18 @@ def refocused(
     pictures = [real_array(image, "A picture", None) for image in images]
     values = [picture[region] for picture in pictures]
     ratio = values[0].shape[0] / values[0].shape[1]
-    figure = new_figure(3.2 * len(values) + 0.8, 3.2 * ratio + 0.5)
+    has_bar = values[0].ndim == 2  # narrows the panels to 2.6 inches
+    height = max(2.6 * ratio + 0.8, 2.4) if has_bar else 3.2 * ratio + 0.5
+    figure = new_figure(3.2 * len(values) + 0.8, height)
     panels = figure.subplots(1, len(values), squeeze=False)[0]
     shades = Shades(np.stack(values), scale)
     for panel, part, title in zip(panels, values, titles, strict=True):
         shades.show(panel, part, extent=placed(region, pictures[0].shape))
         panel.set(title=title, xlabel="x / pixel")
     panels[0].set_ylabel("y / pixel")
-    if values[0].ndim == 2:
-        shades.bar(figure, "mean of the views", ax=list(panels))
+    if has_bar:  # as high as the panels, if its label fits
+        shrink = min(max(2.6 * ratio / height, 0.7), 0.9)
+        shades.bar(figure, "mean of the views", ax=list(panels), shrink=shrink)
     return figure
 
 

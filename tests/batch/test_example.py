@@ -13,6 +13,7 @@ from clplen.cameras.scenes.gallery import SCENES
 def test_the_example_is_a_job(tmp_path: Path):
     text = commented_job()
     assert "One of linear, nearest," in text
+    assert text.count("ome-zarr") == 1  # the description already lists the choices
     assert all(re.search(rf"\b{kind}\b", text) for kind in SCENES)
     (tmp_path / "job.toml").write_text(text)
     job = Job.read(tmp_path / "job.toml")

@@ -79,8 +79,8 @@ def test_disparities_of_an_order_and_its_mirror(device):
     mirrored = found["flip_v", "flip_u"].disparity
     assert found[()].disparity == -mirrored
     assert min(abs(found[()].disparity - d) for d in (-0.9, 0.6)) < 0.1
-    assert "mirrors the disparities" in str(report)
-    assert "cannot be seen without depth order" in str(report)
+    assert "exchanges near and far" in str(report)
+    assert "check an object that is known to be nearer" in str(report)
 
 
 def test_no_evidence(device):

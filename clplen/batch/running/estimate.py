@@ -20,6 +20,7 @@ from clplen.batch.work.execution import describe_error, execute_task
 from clplen.batch.work.fingerprints import fingerprint
 from clplen.batch.work.products import bytes_in_core, bytes_written
 from clplen.batch.work.resources import Resources
+from clplen.errors import arguments_as
 
 MAX_INSPECTED = 200  # items whose sizes are read; the sizes of further items are extrapolated
 
@@ -117,6 +118,7 @@ def estimate_job(job: JobSpec, *, sample: bool = True) -> JobEstimate:
     return JobEstimate(lines, len(plan.todo), skipped, read, written, seconds, description)
 
 
+@arguments_as("file")
 def _line(task: Task, resources: Resources) -> ItemEstimate:
     try:
         read = sum(fingerprint(Path(task.base, name))[0] for name in task.files)

@@ -10,6 +10,7 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -91,10 +92,18 @@ def read_record(task: Task) -> Report | None:
 def is_current(task: Task, record: Report) -> bool:
     """Return True if a record matches the task, its inputs are unchanged and its outputs intact."""
     return (
-        record.parameters == task.parameters
+        record.parameters in (task.parameters, _without_allow_missing(task).parameters)
         and not find_damage(result_folder(task), record.outputs)
         and is_unchanged(task.base, task.files, record.inputs)
     )
+
+
+def _without_allow_missing(task: Task) -> Task:
+    """Return the task with all views required: its results, if there are any, are the same."""
+    if not task.source.get("layout", {}).get("allow_missing"):
+        return task
+    layout = {k: v for k, v in task.source["layout"].items() if k != "allow_missing"}
+    return replace(task, source=task.source | {"layout": layout})
 
 
 def _results(

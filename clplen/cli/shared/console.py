@@ -90,7 +90,9 @@ def open_device(selector: str | None) -> Device:
     from clplen.compute.device import Device
 
     device = Device.open(selector)
-    click.echo(f"Device: {device!r}, FFT by {device.fft.name}\n")
+    parts = [f"{device.name} ({device.driver})", f"{device.precision} precision"]
+    parts += [f"FFT by {device.fft.name}", *filter(None, [device.tuning.note])]
+    click.echo(f"Device: {', '.join(parts)}\n")
     return device
 
 

@@ -25,7 +25,8 @@ LayoutWords = tuple[str, ...]
 _FARTHEST = 2.0  # pixels a view step
 _RECORDED = 0.5  # of one view's detail: a sharper picture is in focus as recorded
 _MIRRORED = (
-    "Reversing both view axes only mirrors the disparities and cannot be seen without depth order"
+    "Reversing both view axes exchanges near and far at equal sharpness: check an object that is "
+    "known to be nearer"
 )
 
 
