@@ -37,7 +37,7 @@ from clplen.config.camera import (
 from clplen.config.camera_file import CameraFile, read_camera_file
 from clplen.config.example import EXAMPLE
 from clplen.config.fourier_microscope import FourierCameraFile
-from clplen.config.kinds import refuse_fourier, require_fourier
+from clplen.config.kinds import refuse_fourier, refuse_lfanalyze, require_fourier
 from clplen.config.microscope import LFAnalyzeTable, read_microscope_file
 from clplen.config.scene import KEYS, SPECTRA, CoherenceTable, PictureTable, SceneTable
 from clplen.config.tables import Table, read_toml
@@ -366,6 +366,12 @@ def test_a_kind_that_is_no_word():
         content = {"camera": {"kind": value}}
         require_fourier(content, Path("camera.toml"))  # what reads the table refuses it
         refuse_fourier(content, Path("camera.toml"))
+
+
+def test_a_camera_file_with_the_names_of_lfanalyze() -> None:
+    with pytest.raises(FormatError, match="names of LFAnalyze, but a camera file is expected: use"):
+        refuse_lfanalyze({"magnification": 20.0, "ulens_pitch": 100.0}, Path("scope.toml"))
+    refuse_lfanalyze({"camera": {}, "ulens_pitch": 100.0}, Path("camera.toml"))
 
 
 FOCUSED = """

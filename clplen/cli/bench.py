@@ -66,8 +66,8 @@ def bench(
 ) -> None:
     """Measure the speed of the device.
 
-    Times are compared with simple operations on this computer. Without NAME every benchmark runs.
-    Compare ratios, not seconds, between computers.
+    Each rate is printed with its ratio to that of a simple operation on the same computer. Compare
+    these ratios, not seconds, between computers. Without NAME every benchmark runs.
 
     \b
     Example:

@@ -72,9 +72,10 @@ def calibrate(
 ) -> None:
     """Calibrate a light-field camera with a checkerboard.
 
-    Each INPUT is a light field of the board in another pose. Take at least 3, better 10, tilted by
-    20 to 40 degrees to all sides, over the distances to be measured later. Pass OUT.json to other
-    commands as --intrinsics: they rectify the views, and 'clplen depth' gives metres.
+    Each INPUT is a light field of the board in another pose. Take at least 3 poses,
+    better 10. Tilt the board by 20 to 40 degrees in all directions, and cover the distances that
+    you will measure. Pass OUT.json to other commands as --intrinsics: they rectify the views, and
+    'clplen depth' gives metres.
 
     \b
     Example:

@@ -67,25 +67,33 @@ def map_info(source: Path, values: np.ndarray[Any, Any]) -> tuple[Rows, dict[str
     return rows, {"file": source, "kind": "a disparity map", **data, "unknown": unknown}
 
 
-def read_volume_if_any(source: Path) -> tuple[np.ndarray[Any, Any], dict[str, Any]] | None:
-    """Read a volume and its description; return None if the file is something else."""
+def read_volume_if_any(source: Path) -> tuple[Any, dict[str, Any]] | None:
+    """Read a volume or open a series, with its description; return None for other files."""
+    from clplen.io.results.stored_volumes import open_volumes
     from clplen.io.results.volume_files import is_volume, read_volume
+    from clplen.io.store.picture_series import describe_series
 
     if source.suffix.lower() not in _VOLUMES or not is_volume(source):
         return None
+    about = describe_series(source)
+    if "records" in about:
+        return open_volumes(source), about
     return read_volume(source)
 
 
-def volume_info(
-    source: Path, values: np.ndarray[Any, Any], about: dict[str, Any]
-) -> tuple[Rows, dict[str, Any]]:
-    """Return the rows and data of a volume of a light-field microscope."""
-    planes, kind = about["planes_um"], "a volume of a light-field microscope"
+def volume_info(source: Path, values: Any, about: dict[str, Any]) -> tuple[Rows, dict[str, Any]]:
+    """Return the rows and data of a volume, or of a series, of a light-field microscope."""
+    is_series = len(values.shape) == 4
+    kind = f"{'a series of volumes' if is_series else 'a volume'} of a light-field microscope"
+    planes = about["planes_um"]
+    records = about["records"] if is_series and isinstance(about["records"], list) else []
     steps = {round(step, 6) for step in np.diff(planes)}
-    total, high = values.sum(dtype=np.float64), float(values.max())
+    extents = [(part.sum(dtype=np.float64), float(part.max()))
+               for part in (values if is_series else [values])]  # fmt: skip
+    total, high = sum(light for light, _ in extents), max(top for _, top in extents)
     rows = [
         ("File", f"{source}, {kind}"),
-        ("Size", f"{' x '.join(map(str, values.shape))} voxels (z, y, x)"),
+        ("Size", f"{' x '.join(map(str, values.shape))} voxels ({'t, ' * is_series}z, y, x)"),
         ("Planes", f"z from {planes[0]:g} to {planes[-1]:g} um"
          + (f" every {steps.pop():g} um" if len(steps) == 1 else "")),
         ("Light", f"{total:.6g} in all, up to {high:.6g} in a voxel"),
@@ -96,6 +104,9 @@ def volume_info(
         rows.append(
             ("Residual", f"{about['residuals'][-1]:.3g} after {len(about['residuals'])} iterations")
         )
+    residuals = [record.get("residual") for record in records if isinstance(record, dict)]
+    if residuals := [value for value in residuals if isinstance(value, float)]:
+        rows.append(("Residual", f"{min(residuals):.3g} to {max(residuals):.3g}"))
     degenerate = about.get("degenerate_um")
     if degenerate:
         ends = f"z from {min(degenerate):g} to {max(degenerate):g} um"
@@ -105,7 +116,7 @@ def volume_info(
         rows.append(("Origin", f"voxel (0, 0) lies at (y, x) = ({y:g}, {x:g}) px of the raw frame"))
     rows += [("Note", text) for text in about.get("remarks", [])]
     data = {"file": source, "kind": kind, "shape": values.shape, "light": total, "high": high}
-    return rows, data | about
+    return rows, data | about | {"shape": values.shape}
 
 
 _HDF5 = (".h5", ".hdf5")

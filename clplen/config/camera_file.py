@@ -15,7 +15,7 @@ from clplen.cameras.standard_camera import Plenoptic1
 from clplen.checks import is_integer
 from clplen.compute.device import DeviceLike, as_device
 from clplen.config.camera import CameraTable, SensorTable
-from clplen.config.kinds import refuse_fourier
+from clplen.config.kinds import refuse_fourier, refuse_lfanalyze
 from clplen.config.scene import CoherenceTable, SceneTable
 from clplen.config.tables import Model, Table, read_toml, validated
 from clplen.files import PathLike
@@ -81,6 +81,7 @@ def read_camera_file(path: PathLike) -> CameraFile:
 def _read(model: type[Model], path: Path) -> Model:
     content = read_toml(path, f"camera file {path}; 'clplen simulate --example' prints one")
     refuse_fourier(content, path)
+    refuse_lfanalyze(content, path)
     return validated(model, content, path)
 
 

@@ -43,6 +43,15 @@ def refuse_fourier(content: dict[str, Any], path: Path) -> None:
         )
 
 
+def refuse_lfanalyze(content: dict[str, Any], path: Path) -> None:
+    """Raise an error for a file with the names of LFAnalyze where a camera file is expected."""
+    if "camera" not in content and "ulens_pitch" in content:
+        raise FormatError(
+            f"{path} describes a microscope with the names of LFAnalyze, but a camera file is "
+            "expected: use 'clplen microscope psf', or write a [camera] of kind = 'microscope'."
+        )
+
+
 def require_fourier(content: dict[str, Any], path: Path) -> None:
     """Raise an error for the file of another camera where a Fourier microscope is expected."""
     camera = content.get("camera")

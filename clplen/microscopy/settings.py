@@ -67,8 +67,8 @@ class DeconvolutionSettings(Settings):
         flags=("--background-level",),
     )
     gain: float | None = setting(
-        None, "Counts per photon, for the residual noise and for priors.", above=0,
-        default_text="1", example=2.2,
+        None, "Counts per photon; the residual 'noise' and the priors tv and time depend on it.",
+        above=0, default_text="1", example=2.2,
     )  # fmt: skip
     saturation: float | None = setting(
         None,
@@ -119,7 +119,7 @@ class DeconvolutionSettings(Settings):
     )
     motion: float | None = setting(
         None,
-        "Motion between successive frames for start limited, in micrometres.",
+        "Motion between successive frames for the start 'limited', in micrometres.",
         above=0,
         unit="um",
         default_text="half a voxel",
@@ -203,7 +203,7 @@ class LatticeSettings(Settings):
         "Centre of a lenslet in pixels; pixel centres have integer coordinates.",
         pair=True,
         metavar="Y:X",
-        default_text="in the corner",
+        default_text="(pitch - 1)/2, a lenslet in the corner",
         example=[7.2, 7.2],
     )
     rotation: float | None = setting(

@@ -94,7 +94,7 @@ class ReadingSettings(Settings):
         kind=Path, group=INPUT, default_text="none", example="camera.json", metavar="FILE",
     )  # fmt: skip
     step: float | None = setting(
-        None, "Pixels of a raw image for each view.",
+        None, "Step between views, in pixels of the raw image.",
         above=0, group=INPUT, default_text="pitch over number of views", example=1.0,
     )  # fmt: skip
     lattice: str | None = setting(

@@ -176,11 +176,11 @@ def _rounded(i: Values, k: Values, cells: LensletGrid) -> tuple[Any, Any]:
 
 
 def camera_crosstalk(camera: Plenoptic | Any) -> float:
-    """Simulate the share of a focused point's light outside its own lenslets' cells.
+    """Simulate the fraction of a focused point's light that misses its lenslet cells.
 
-    The chief ray of the point meets the centre of the middle lenslet. A point of a 1.0 camera owns
-    this lenslet's cell (`crosstalk`). A point of a 2.0 camera owns the sub-images of all lenslets
-    in its cone of rays, D abs(a)/F wide on the array.
+    The chief ray of the point passes through the centre of the middle lenslet. In a 1.0 camera the
+    light belongs in the cell of this lenslet (`crosstalk`). In a 2.0 camera it belongs in the
+    sub-images of all lenslets in the point's cone of rays, D abs(a)/F wide on the array.
 
     Pixels on two cells count in part. With a fractional ``pixels_per_lenslet`` they can raise the
     result by several percent; a whole number shows the crosstalk of the optics.

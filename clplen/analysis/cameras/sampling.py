@@ -310,7 +310,7 @@ def sampling_table(cameras: Mapping[str, Sampling]) -> str:
     Returns
     -------
     str
-        Lines of text, a quantity each, with its unit at the end.
+        Text with a quantity and its unit on each line.
 
     Raises
     ------

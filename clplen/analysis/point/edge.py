@@ -72,8 +72,8 @@ def slanted_edge(picture: Any, *, pitch: float | Pair) -> SlantedEdge:
     Parameters
     ----------
     picture : array_like
-        Linear intensities, shape (y, x), of one straight edge between two uniform areas, either
-        side the brighter. The edge crosses all lines, at least 8 samples from their ends.
+        Linear intensities, shape (y, x), of one straight edge between two uniform areas. The edge
+        must cross every line at least 8 samples from the ends of the line.
     pitch : float or tuple of float
         Sample spacing (dy, dx) in metres.
 
@@ -86,7 +86,7 @@ def slanted_edge(picture: Any, *, pitch: float | Pair) -> SlantedEdge:
     ------
     ShapeError
         If the picture is not two-dimensional or too small, or the edge shifts by less than a
-        sample over it or is too close to the border.
+        sample over the picture or is too close to the border.
     ValueError
         If the picture has no edge, or the edge is not at 1.5 to 14 degrees (on square samples)
         from an axis, has a slope near 1/4, 1/5 or 1/6, or reverses its contrast between lines.

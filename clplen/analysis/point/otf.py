@@ -82,7 +82,7 @@ class Curve(OneLine, Plottable):
         Raises
         ------
         ValueError
-            If the contrast is outside.
+            If the contrast is not between 0 and 1.
         """
         if not 0 < value < 1:
             raise ValueError(f"value must be a contrast between 0 and 1, got {value!r}.")

@@ -287,7 +287,7 @@ class Spot:
 class Plane(OneLine):
     """Plane, d = d0 + gy Y + gx X with (Y, X) in pixels from the middle of the picture.
 
-    Disparity is affine in the picture, like 1/z on any plane in space.
+    The disparity of any plane in space is affine in the picture, because 1/z is.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ _DEPTH = (
         "depth_file",
         metavar="FILE",
         type=_FILE,
-        help="Disparity map of the centre view from 'clplen depth'. Default: computed on the fly.",
+        help="Disparity map of the centre view from 'clplen depth'. Default: estimated from INPUT.",
     ),
     click.option(
         "--zero-parallax",

@@ -82,9 +82,9 @@ def deconvolve(
     ts.tif, {name} is ts_0000, ts_0001, ...).
 
     The white frame gives the lenslet lattice, for rectification, and the sensitivity of the pixels;
-    frames of a Fourier microscope need no white frame. Volumes with equal frame, settings and
-    version of clplen are skipped. Missing output folders are created. Files that clplen did not
-    write are overwritten with --force only.
+    frames of a Fourier microscope need no white frame. A volume is skipped if it exists and its
+    frame, settings and version of clplen are unchanged. Missing output folders are created. Files
+    that clplen did not write are overwritten with --force only.
 
     \b
     Example:

@@ -330,7 +330,8 @@ def _simulate(
     pixels = camera.pixels_per_lenslet / file.binning
     if file.binning > 1 and file.rectified and sampling["binning"] is None:
         note(
-            f"pixels of {camera.lenslet_pitch / pixels * 1e6:.4g} um "
+            f"{'rectified ' * file.rectified}pixels of "
+            f"{camera.lenslet_pitch / pixels * 1e6:.4g} um "
             f"{'undersample' if file.min_binning > 1 else 'integrate'} the light: it is simulated "
             f"on {file.binning} x {file.binning} samples per pixel, which are summed."
         )

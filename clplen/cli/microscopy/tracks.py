@@ -225,9 +225,9 @@ def track(
         write_npy(napari, tracks.napari())
     lengths = np.bincount(tracks.ids)
     click.echo(
-        f"{output} holds {len(tracks)} tracks of {lengths.sum()} "
-        f"{'regions' if is_region else 'points'} in {len(series)} frames, "
-        f"median length {np.median(lengths):g}."
+        f"{output} holds {len(tracks)} tracks with {lengths.sum()} "
+        f"{'regions' if is_region else 'points'} in all, over {len(series)} frames; "
+        f"median length {np.median(lengths):g} frames."
     )
     if np.mean(lengths == 1) > 0.5:
         note("more than half of the tracks have a single frame: increase --step-um.")

@@ -36,7 +36,7 @@ _FILMS = (".gif", ".mp4")
 )  # fmt: skip
 @click.option(
     "--slices", type=inputs.Numbers("Z,Y,X", "10,40,40", (3,), of=" of a voxel", kind=int),
-    help="Voxel; draw the slices through it instead of projections.",
+    help="Indices of a voxel; slices through it replace the projections.",
 )  # fmt: skip
 @click.option(
     "--montage", type=click.Choice(["z", "y", "x"]),
@@ -71,7 +71,7 @@ def views(
 ) -> None:
     """Draw three orthogonal views of volumes: maximum projections or slices, with scale bars.
 
-    All views have one scale of lengths, given by the voxel size.
+    All views share a length scale, given by the voxel size.
 
     \b
     Example:

@@ -136,16 +136,16 @@ def interlace(
     count : int, optional
         Number of views, at least 2; default ``len(views)``.
     lenses : {"vertical", "horizontal"}
-        Direction of the lenses. "vertical" lenses run from top to bottom and show other views to an
-        eye further right; "horizontal" lenses to an eye further down.
+        Direction of the lenses. The view changes as the eye moves sideways in front of "vertical"
+        lenses, up or down in front of "horizontal" lenses.
     centre : float, optional
         Position of a lens axis in pixels from the left (or upper) edge; default the middle.
 
     Returns
     -------
     numpy.ndarray
-        Print, uint8 of the shape of a view. The column with centre x belongs to the view ``count -
-        1 - floor(count ((x - centre)/pitch + 1/2)) mod count``.
+        Print, uint8, with the shape of a view. The column at x shows view ``count - 1 - k``, where
+        ``k = floor(count ((x - centre)/pitch + 1/2)) mod count``.
 
     Raises
     ------

@@ -109,7 +109,8 @@ def read_volume(path: PathLike, *, max_bytes: int | None = None) -> tuple[Array,
     Raises
     ------
     FormatError
-        If the file is missing, damaged, of another kind or not a volume of numbers.
+        If the file is missing, damaged, of another kind, a series of volumes or not a volume of
+        numbers.
 
     Examples
     --------
@@ -123,6 +124,7 @@ def read_volume(path: PathLike, *, max_bytes: int | None = None) -> tuple[Array,
     """
     path = Path(path)
     if path.suffix.lower() not in npy.SUFFIXES:
+        _require_single(path)
         kinds = ".tif, .zarr and .npy"
         with open_series(path, what="a volume", kinds=kinds, max_bytes=max_bytes) as series:
             values, about = series.read(), series.about
@@ -137,6 +139,16 @@ def read_volume(path: PathLike, *, max_bytes: int | None = None) -> tuple[Array,
             f"{path} must hold numbers of shape (z, y, x), got {values.dtype} of {values.shape}."
         )
     return values, about
+
+
+def _require_single(path: Path) -> None:
+    """Raise an error for a series of volumes, whose pages would pass for planes."""
+    records = describe_series(path).get("records")
+    if isinstance(records, list) and len(records) > 1:
+        raise FormatError(
+            f"{path} must hold a single volume, got a series of {len(records)}: use open_volumes "
+            "or read_volume_series."
+        )
 
 
 def is_volume(path: PathLike) -> bool:

@@ -118,9 +118,9 @@ def cue_named(name: str) -> Cue:
 def sharpness_curve(stack: FocalStack) -> Vector:
     """Compute the sharpness of each picture of a stack.
 
-    The sharpness is the mean square of a picture less its Gaussian blur of 2 pixels (of the luma,
-    for three colours), without a border of 15 pixels or a quarter of a small picture. Interpolation
-    blur is first made equal over the pictures, as in `depth_map`.
+    The sharpness is the mean square of the difference between a picture and its Gaussian blur of 2
+    pixels. Colours are converted to luma. A border is excluded: 15 pixels, or a quarter of a small
+    picture. Before, the interpolation blur of all pictures is equalized, as in `depth_map`.
 
     Parameters
     ----------

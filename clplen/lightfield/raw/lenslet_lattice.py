@@ -160,11 +160,11 @@ class Lattice:
     """Centres of the sub-images on the sensor, in pixels; pixel centres are integers.
 
     Lenslet (i, k) of a square lattice, whose cell may be a rectangle, has its centre at
-    ``origin + i row + k column``. The rows of a hexagonal lattice run along its lines of nearest
-    neighbours, which lie nearest to either x or y:
+    ``origin + i row + k column``. In a hexagonal lattice the lines of nearest neighbours are:
 
-    - along x (abs(row) < abs(column)): odd rows are moved by half of ``column``,
-    - along y (abs(row) > abs(column)), `turned`: odd columns are moved by half of ``row``.
+    - its rows, near x, if abs(row) < abs(column); odd rows are shifted by half of ``column``,
+    - its columns, near y, if abs(row) > abs(column) (`turned`); odd columns are shifted by half of
+      ``row``.
 
     Attributes
     ----------
@@ -177,7 +177,7 @@ class Lattice:
     shape : tuple of int or None
         Shape (ny, nx) of the raw picture; None if a file does not state it.
     residual : float
-        Root mean square distance of local lattices from this one, in pixels; NaN unless estimated.
+        Rms distance between local fits and this lattice, in pixels; NaN unless estimated.
     trust : {"high", "low"}
         Reliability of an estimated lattice.
     verdict : str
@@ -219,7 +219,7 @@ class Lattice:
 
     @property
     def is_measured(self) -> bool:
-        """False for a placeholder of a lattice that could not be measured."""
+        """False if the lattice is a placeholder, because no lattice could be measured."""
         return self.trust == "high" or math.isfinite(self.residual)
 
     @property
@@ -252,7 +252,7 @@ class Lattice:
         return self.kind == "hexagonal" and self.pitch[1] > self.pitch[0]
 
     def centres(self) -> Values:
-        """Return the centres (y, x) of all lenslets with their centre on the picture.
+        """Return the centres (y, x) of all lenslets whose centre lies on the picture.
 
         Returns
         -------
@@ -318,13 +318,13 @@ class Lattice:
         complete : bool
             True if sub-images must be complete, False if their centres must lie on the picture.
         square : bool
-            True to interpolate the lines of nearest neighbours of a hexagonal lattice to square
-            pixels, sqrt(3)/2 of the pitch; False to keep the pitch.
+            True to resample a hexagonal lattice to square pixels, with the distance of its rows,
+            sqrt(3)/2 of the pitch, along both axes; False to keep the pitch along the rows.
 
         Returns
         -------
         LensletGrid
-            Grid; for a `turned` lattice with rows and columns exchanged, views too.
+            Grid. For a `turned` lattice its rows and columns are exchanged, and those of the views.
 
         Raises
         ------
@@ -397,7 +397,7 @@ class Lattice:
 
     @classmethod
     def from_json(cls, text: str, *, source: str = "The lattice") -> Lattice:
-        """Create a lattice from `to_json`, or from a CalInfo.json of LFToolbox.
+        """Create a lattice from the text of `to_json` or of a CalInfo.json of LFToolbox.
 
         Parameters
         ----------
@@ -418,7 +418,7 @@ class Lattice:
             raise FormatError(f"{source}: {error}") from error
 
     def save(self, path: PathLike) -> None:
-        """Write `to_json` to a file.
+        """Write the lattice to a JSON file.
 
         Raises
         ------
@@ -430,7 +430,7 @@ class Lattice:
 
     @classmethod
     def load(cls, path: PathLike) -> Lattice:
-        """Read a file by `save`, or a CalInfo.json of LFToolbox.
+        """Read a file written by `save`, or a CalInfo.json of LFToolbox.
 
         Raises
         ------

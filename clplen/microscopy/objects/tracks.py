@@ -70,7 +70,7 @@ class Tracks:
     >>> tracks = clplen.microscopy.track_points(
     ...     [clplen.microscopy.find_points(volume) for volume in series], step=2)
     >>> tracks
-    <Tracks: 1 of 3 points in 3 frames>
+    <Tracks: 1 track, 3 points, 3 frames>
     >>> tracks.napari().round(1).tolist()  # track, frame, z, y, x
     [[0.0, 0.0, 4.0, 8.0, 12.5], [0.0, 1.0, 4.0, 9.0, 12.5], [0.0, 2.0, 4.0, 10.0, 12.5]]
     """
@@ -97,7 +97,8 @@ class Tracks:
 
     def __repr__(self) -> str:
         last = int(self.frames.max()) + 1 if len(self.frames) else 0
-        return f"<Tracks: {len(self)} of {len(self.ids)} points in {last} frames>"
+        count = f"{len(self)} track" + "s" * (len(self) != 1)
+        return f"<Tracks: {count}, {len(self.ids)} points, {last} frames>"
 
     def napari(self) -> Vector:
         """Return the array for a Tracks layer of napari, float64, shape (n, 5).

@@ -48,12 +48,12 @@ class FrameProjector(Projector):
     Parameters
     ----------
     images : PointImages
-        Point images of the microscope with an array along the axes. With ``sensor_pixels``, and 1.5
-        to 2 times as many pixels, they model pixels that integrate over their area.
+        Point images of the microscope with an array along the axes. Make them with
+        ``sensor_pixels`` and 1.5 to 2 times as many pixels, to model the area of camera pixels.
     lattice : Lattice
         Lattice of the lenslets on the frame: square, oblong or hexagonal, with any rotation and
-        pitch. Lenslet (0, 0) is of the first kind. If the nearest neighbours of a hexagonal lattice
-        are along y (``lattice.turned``), x of the voxels runs down and y to the left.
+        pitch. Lenslet (0, 0) has the first focal length. If the nearest neighbours of a hexagonal
+        lattice are along y (``lattice.turned``), x of the voxels runs down and y to the left.
     shape : tuple of int, optional
         Shape (ny, nx) of frames; default the shape of the lattice.
     device : Device or str, optional
@@ -77,8 +77,8 @@ class FrameProjector(Projector):
     ShapeError
         If the shape of frames is missing, or not two positive integers.
     ValueError
-        If the point images have fewer than 0.9 pixels per camera pixel, or another kind of lattice
-        or ``sensor_pixels``.
+        If the point images have fewer than 0.9 pixels per camera pixel, or do not match the lattice
+        in kind or in ``sensor_pixels``.
     TypeError
         If images or lattice have another type.
     DeviceError

@@ -66,18 +66,18 @@ class VolumeProjector(ABC):
 
     @abstractmethod
     def require_memory(self, frames: int, *, volumes: int = 1, pictures: int = 1) -> None:
-        """Raise `DeviceError` if so many frames do not fit the device.
+        """Raise `DeviceError` if the arrays of ``frames`` frames do not fit the device.
 
-        ``volumes`` and ``pictures`` are their numbers on the device per frame.
+        Each frame needs ``volumes`` volumes and ``pictures`` pictures on the device.
         """
 
     @abstractmethod
     def project(self, volumes: cla.Array, *, clamp: bool = True) -> cla.Array:
-        """Project volumes on the device, (frames, planes, rows, columns), as `forward`."""
+        """Project volumes (frames, planes, rows, columns) on the device, like `forward`."""
 
     @abstractmethod
     def back_project(self, frames: cla.Array) -> cla.Array:
-        """Project frames on the device, (frames, ny, nx), back, as `backward`."""
+        """Project frames (frames, ny, nx) on the device back, like `backward`."""
 
     def forward(self, volume: Any, *, clamp: bool = True) -> Vector:
         """Project volumes to frames.

@@ -66,11 +66,11 @@ def transparency(
     centre : tuple of float
         Position (y, x) in metres of pixel [ny//2, nx//2]; requires a pitch.
     edges : {"samples", "area", "pixels"}, optional
-        Sampling of a exp(i phase): "samples", the pixel at the centre of the sample; "area", the
-        mean over its cell; "pixels", for a picture of rectangular pixels (a spatial light
-        modulator, a pixelated mask), the value of the picture's spectrum up to the field's Nyquist
-        frequency. That spectrum is that of points on the pixels times sinc of a pixel along each
-        axis. None: "samples" without a pitch, where "area" is equal, else "area".
+        Sampling of a exp(i phase). "samples": value of the pixel at the centre of each sample.
+        "area": mean over the cell of the sample. "pixels": picture with sharp rectangular pixels (a
+        spatial light modulator, a pixelated mask), band-limited to the field's Nyquist frequency;
+        its spectrum is that of the pixel values times the sinc of a pixel along each axis. None:
+        "area" with a pitch; "samples" without, where both are equal.
 
     Returns
     -------
@@ -88,10 +88,10 @@ def transparency(
 
     Notes
     -----
-    With "pixels" a step from 0 to 1 is 0.064, 0.936 on the adjacent samples, and light beyond the
-    Nyquist frequency is missing. From about 2 N dx^2/lam on, where that light misses the window,
-    the result is accurate, at large distances to 100 dB and more (docs/accuracy.md). Without a
-    pitch the border values continue beyond the window.
+    With "pixels" a step from 0 to 1 has the values 0.064 and 0.936 on the adjacent samples, and
+    light beyond the Nyquist frequency is missing. Beyond a distance of about 2 N dx^2/lam that
+    light would miss the window, and the propagated field is accurate, far away to 100 dB and more
+    (see Accuracy in the documentation). Without a pitch border values continue outside.
 
     Examples
     --------

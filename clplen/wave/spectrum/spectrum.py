@@ -284,9 +284,9 @@ class Spectrum(OneLine):
         Parameters
         ----------
         n : int
-            Number of samples. Lines with a width share them evenly, with the rest for the strongest
-            and at least one for each: 12 lines have at least 12 samples. Sharp lines have one each
-            for any n, dark cells of a table none.
+            Number of samples. Lines with a width share them evenly: each gets at least one, and the
+            strongest get the remainder. Sharp lines get one sample each for any n, and dark
+            cells of a table get none.
         span : float, optional
             Half range of a Gaussian in FWHM, sampled in equal steps of frequency from -span to
             +span with its density as weights. Use 2 to follow abs(gamma) (error 3.1e-4 within 3
@@ -364,9 +364,9 @@ class Spectrum(OneLine):
     def needed(self, path: float, *, span: float = 2.0) -> int:
         """Return the number of samples for path differences up to ``path``.
 
-        It is 1 + band (path + 1.5 l_c)/c, rounded up, so that the coherence of the samples revives
-        (at c/step) 1.5 coherence lengths of Goodman's definition beyond the path. Each of several
-        lines gets the number of the widest line; sharp lines have one each.
+        Equally spaced samples become coherent again at the path difference c/step. The number, 1 +
+        band (path + 1.5 l_c)/c rounded up, puts this 1.5 coherence lengths l_c (Goodman's
+        definition) beyond ``path``. Each line gets the number of the widest; sharp lines get 1.
 
         Parameters
         ----------

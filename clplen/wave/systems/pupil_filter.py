@@ -35,7 +35,7 @@ SHAPES = ("circular", "square", "slit")
 
 @dataclass(frozen=True, repr=False)
 class Pupil(OneLine):
-    """Ideal image of a shift-invariant system, upright and of unit magnification.
+    """Shift-invariant imaging system: an exit pupil, with an upright image of equal size.
 
     The spectrum of the field is multiplied by the coherent transfer function
     H(fy, fx) = P(lam z2 fy, lam z2 fx) with the exit pupil P (Goodman 2005, section 6.2.1). The
@@ -49,9 +49,9 @@ class Pupil(OneLine):
     distance : float
         Distance z2 from the exit pupil to the image in metres, positive.
     shape : {"circular", "square", "slit"}
-        Shape of the pupil. A slit limits the frequencies along x only. No shape limits an axis of
-        length 1: on a grid of one row a circle is a slit, and on a grid of one column a slit limits
-        y.
+        Shape of the pupil. A slit limits the frequencies along x only. On a grid of one row a
+        circle is a slit; on a grid of one column a slit limits y. No shape limits an axis of
+        length 1.
     path : callable, optional
         Aberration: a function W(v, u) that returns the additional path length in metres at pupil
         coordinates v = fy/fc and u = fx/fc, arrays of shape (n,), 1 at the rim (up to a sample
@@ -92,7 +92,7 @@ class Pupil(OneLine):
     def of_cutoff(
         cls, fc: float, wavelength: float, *, shape: Rim = "circular", path: Path | None = None
     ) -> Pupil:
-        """Return the pupil, 1 m from the image, with a coherent cut-off frequency at a wavelength.
+        """Return the pupil, 1 m from the image, that has a given coherent cut-off frequency.
 
         Parameters
         ----------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import signal
 import subprocess
@@ -12,9 +13,12 @@ import batchworks
 import numpy as np
 import pytest
 import tifffile
+from click.testing import CliRunner, Result
 from microscope_commands import done, run, said
 
+from clplen.cli import main
 from clplen.compute.device import Device
+from clplen.errors import FormatError
 from clplen.io.results.volume_files import is_volume, read_volume
 from clplen.io.results.volume_series import count_complete, read_volume_series, series_in
 from clplen.microscopy.model import point_image_files
@@ -46,6 +50,10 @@ def words_of(folder: Path, device: Device, *more: object) -> list[object]:
             "--device", device.place, "--batch", 2, *more]  # fmt: skip
 
 
+def described_by(*words: object) -> Result:
+    return CliRunner().invoke(main, ["info", *(str(word) for word in words)])
+
+
 def volumes_in(path: Path) -> np.ndarray:
     return np.stack([read_volume_series(path, t) for t in range(count_complete(path))])
 
@@ -67,6 +75,12 @@ def test_one_file_of_all_frames(tmp_path: Path, folder: Path, device: Device, en
     assert records[3]["residual"] == pytest.approx(about["residuals"][-1], rel=1e-5)
     assert [one["name"] for one in records] == [f"t_{t:04d}" for t in range(FRAMES)]
     assert is_volume(out)
+    with pytest.raises(FormatError, match="must hold a single volume, got a series of 5"):
+        read_volume(out)
+    entries = json.loads(done(described_by(out, "--json")).output)
+    assert entries["shape"] == [FRAMES, 3, 18, 21]
+    assert entries["light"] == pytest.approx(found.sum(dtype=float), rel=1e-6)
+    assert "5 x 3 x 18 x 21 voxels (t, z, y, x)" in done(described_by(out)).output
     assert (tmp_path / "p.png").read_bytes()[:4] == b"\x89PNG"
     stamp = out.stat().st_mtime_ns
     assert "is up to date" in done(run(*words_of(folder, device, "-o", out))).output

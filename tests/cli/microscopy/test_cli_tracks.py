@@ -68,7 +68,7 @@ def test_points_of_a_volume(tmp_path: Path, series: Path) -> None:
 def test_tracks_of_one_file_and_of_several(tmp_path: Path, series: Path) -> None:
     out, array = tmp_path / "t.csv", tmp_path / "t.npy"
     text = done("track", series, "-o", out, "--step-um", 2, "--napari", array)
-    assert "2 tracks of 8 points in 4 frames" in text
+    assert "2 tracks with 8 points in all, over 4 frames" in text
     tracks = Tracks.from_csv(out)
     moved = np.diff(tracks.positions.reshape(2, 4, 3), axis=1) * 1e6 / VOXEL
     for k in range(2):
@@ -82,7 +82,7 @@ def test_tracks_of_one_file_and_of_several(tmp_path: Path, series: Path) -> None
     assert np.allclose(Tracks.from_csv(tmp_path / "u.csv").positions, tracks.positions)
     words = ("--regions", "--motion", "straight", "--shortest", 4)
     text = done("track", series, "-o", out, "--step-um", 3, *words)
-    assert "2 tracks of 8 regions" in text
+    assert "2 tracks with 8 regions in all" in text
     assert "a single frame" in run("track", series, "-o", out, "--step-um", "0.01").stderr
 
 
