@@ -112,7 +112,7 @@ def _main_lens(optics: WaveOptics) -> Row:
     )
     model_texts = {
         "thin": "lens_model 'thin': included in the wave",
-        "corrected": "lens_model 'corrected': removed, and the sine condition holds",
+        "corrected": "removed by the lens_model in use, 'corrected'; the sine condition holds",
     }
     text = f"at the rim of a thin lens, {rim_path / optics.wavelength:.3g} waves; "
     return Row("spherical aberration", rim_path, "m", text + model_texts[optics.lens_model])

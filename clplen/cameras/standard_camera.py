@@ -74,9 +74,6 @@ class Plenoptic1(Plenoptic):
         ny, nx = self.grid.shape
         limit = math.sqrt(2.44 * lam * f_mu)
         met = "met" if self.mla.diameter > limit else "not met"
-        near, far = (self.dz(1 + sign * p / D) for sign in (-1, 1))
-        end = metres(far, 3) if math.isfinite(far) else "infinity"
-        sharp = f"dz from -{metres(-near, 3)} to {end}"
         rows = (
             Row("focal length", self.focal_length, "m", "main lens"),
             Row("object distance", self.object_distance, "m", "focused plane to main lens"),
@@ -97,14 +94,14 @@ class Plenoptic1(Plenoptic):
                 "independent views",
                 independent_views(self.mla.diameter, f_mu, lam, self.pixels_per_lenslet),
                 "",
-                "across, d^2/(lam f_mu), at most the views: diffraction blurs the sub-image",
+                "across, d^2/(lam f_mu), at most the pixels: diffraction blurs the sub-image",
             ),
             Row("Airy limit", limit, "m", f"lenslet diameter > sqrt(2.44 lam f_mu): {met}"),
             Row(
                 "focus tolerance",
                 p / D,
                 "",
-                f"|1 - alpha| below p/D blurs less than a lenslet: {sharp}",
+                f"|1 - alpha| below p/D blurs less than a lenslet: {focus_range(self)}",
             ),
             Row(
                 "disparity",
@@ -115,6 +112,14 @@ class Plenoptic1(Plenoptic):
             *optics_rows(self.optics),
         )
         return Description("Plenoptic 1.0 camera", rows)
+
+
+def focus_range(camera: Plenoptic1) -> str:
+    """Describe the dz whose abs(1 - alpha) is below p/D, in metres."""
+    tolerance = camera.mla.pitch / camera.aperture_diameter
+    near, far = (camera.dz(1 + sign * tolerance) for sign in (-1, 1))
+    end = metres(far, 3) if math.isfinite(far) else "infinity"
+    return f"dz from -{metres(-near, 3)} to {end}"
 
 
 def type1(

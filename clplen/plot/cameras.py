@@ -48,7 +48,7 @@ def camera(cam: Plenoptic, *, title: str = "") -> Figure:
     ...     wavelength=532e-9, pixels_per_lenslet=10)
     >>> figure = clplen.plot.camera(camera)
     >>> [axes.get_title() for axes in figure.axes]
-    ['pupil: 1.5 mm', 'lenslets: 9 x 9, 150 um', 'pixels: 10 x 10 a lenslet, 15 um']
+    ['pupil: 3 mm', 'lenslets: 9 x 9, 150 µm', 'pixels: 10 x 10 a lenslet, 15 µm']
     """
     if not isinstance(cam, Plenoptic):
         raise TypeError(f"cam must be a plenoptic camera, got {type(cam).__name__}.")

@@ -285,7 +285,8 @@ def pictures(comparison: Comparison) -> Figure:
     ratio = (bottom - top) / (right - left)
     count = len(comparison.cameras)
     below = ratio < 0.7  # stack wide pictures, else place them side by side
-    size = (7.4, (6.6 * ratio + 0.6) * count + 0.3) if below else (4.4 * count, 4.4 * ratio + 0.8)
+    side = max(2.4, min(4.4, 6.6 / ratio))  # narrower panels for high pictures
+    size = (7.4, (6.6 * ratio + 0.6) * count + 0.3) if below else (side * count, side * ratio + 0.8)
     figure = new_figure(*size)
     grid = (count, 1) if below else (1, count)
     panels = figure.subplots(*grid, squeeze=False, sharex=True, sharey=True).ravel()

@@ -10,6 +10,7 @@ from clplen.analysis.cameras.comparison import Measured
 from clplen.analysis.cameras.imaging import is_focused
 from clplen.cameras.description import aberration_rows
 from clplen.cameras.optics.camera_aberrations import NONE
+from clplen.cameras.standard_camera import focus_range
 
 MAX_RATIO = 1.5  # largest ratio of predicted and measured number that a cause explains
 
@@ -122,7 +123,8 @@ def depth(measured: Measured) -> str:
         )
     return (
         f"measured by blur over {c.aperture_diameter * 1e3:.3g} mm of the main lens, in focus "
-        f"within p/D = {c.mla.pitch / c.aperture_diameter:.2g} of F/F'{_with_aberrations(measured)}"
+        f"within p/D = {c.mla.pitch / c.aperture_diameter:.2g} of F/F', "
+        f"{focus_range(c)}{_with_aberrations(measured)}"
     )
 
 

@@ -62,8 +62,7 @@ class DecodeOperator(LinearStep):
     >>> decoding = clplen.lightfield.DecodeOperator(raw)
     >>> decoding.in_shape, decoding.out_shape
     ((55, 55), (5, 5, 11, 11))
-    >>> pixels = decoding.adjoint(np.ones(decoding.out_shape))  # weight of each pixel in the sum of
-    all views
+    >>> pixels = decoding.adjoint(np.ones(decoding.out_shape))  # weights in the sum of all views
     >>> pixels.shape
     (55, 55)
     """
