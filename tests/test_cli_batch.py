@@ -46,7 +46,7 @@ def test_a_job_from_end_to_end(job: Path, device: Device):
     again = clplen("batch", "run", job)
     assert "0 items done, 4 done before" in again.output
     nothing = clplen("batch", job, "--dry-run")
-    assert "0 items to do" in nothing.output
+    assert "0 items to do (0 B to read, 0 B to write)" in nothing.output
     assert "Every item is done." in nothing.output
 
 
@@ -114,6 +114,7 @@ def test_missing_views_are_allowed_without_repeating_the_other_items(tmp_path: P
     again = clplen("batch", job, "--force")
     assert again.exit_code == 0, again.output
     assert "1 items done, 1 done before" in again.output
+    assert clplen("batch", "status", job).output == "2 items: 2 done.\n"
     assert stack.stat().st_ino == inode
     fresh = tmp_path / "fresh.toml"
     fresh.write_text(job.read_text().replace('output = "out"', 'output = "fresh"'))

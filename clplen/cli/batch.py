@@ -261,8 +261,10 @@ def _sizes(read: float, written: float) -> str:
 
 
 def _size(count: float) -> str:
+    if count < 1000:
+        return f"{count:.0f} B"
     text = str(tqdm.format_sizeof(count, divisor=1000))
-    return f"{text} B" if text[-1].isdigit() else f"{text[:-1]} {text[-1]}B"
+    return f"{text[:-1]} {text[-1]}B"
 
 
 def _clock(seconds: float) -> str:

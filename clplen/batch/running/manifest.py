@@ -17,7 +17,7 @@ from clplen import __version__
 from clplen.batch.jobs.items import tasks_of
 from clplen.batch.jobs.spec import JobSpec
 from clplen.batch.jobs.task import Report, Task
-from clplen.batch.work.execution import RECORD, read_record, result_folder
+from clplen.batch.work.execution import RECORD, has_settings_of, read_record, result_folder
 from clplen.batch.work.fingerprints import find_damage, is_unchanged
 from clplen.errors import FormatError
 from clplen.io.store.digest import digest
@@ -217,7 +217,7 @@ def state_of(task: Task, last: ItemState | None, *, verify: bool = False) -> tup
         return "damaged", f"{RECORD} is {'invalid' if exists else 'missing'}"
     if last is not None and last.state == "failed" and last.started > record.started:
         return "failed", last.error
-    if record.parameters != task.parameters:
+    if not has_settings_of(record, task):
         return "changed", "its settings in the job changed"
     damage = find_damage(result_folder(task), record.outputs, thorough=verify)
     if damage:

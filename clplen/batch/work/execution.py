@@ -92,10 +92,15 @@ def read_record(task: Task) -> Report | None:
 def is_current(task: Task, record: Report) -> bool:
     """Return True if a record matches the task, its inputs are unchanged and its outputs intact."""
     return (
-        record.parameters in (task.parameters, _without_allow_missing(task).parameters)
+        has_settings_of(record, task)
         and not find_damage(result_folder(task), record.outputs)
         and is_unchanged(task.base, task.files, record.inputs)
     )
+
+
+def has_settings_of(record: Report, task: Task) -> bool:
+    """Return True if a record has the settings of the task, or also requires all views."""
+    return record.parameters in (task.parameters, _without_allow_missing(task).parameters)
 
 
 def _without_allow_missing(task: Task) -> Task:
