@@ -46,7 +46,8 @@ class Points:
         Height of the brightest sample above the background in units of the stack, float64, shape
         (n,).
     snr : numpy.ndarray
-        Height over the noise of its plane, both after smoothing, float64, shape (n,).
+        Height over the noise of its plane, both after smoothing; infinite if the noise is 0,
+        float64, shape (n,).
     widths : numpy.ndarray
         Full width at half maximum along each axis in its units, float64, shape (n, 3); NaN if the
         stack ends before the half height.
