@@ -273,7 +273,7 @@ def _camera_file_info(source: Path, selector: str | None) -> tuple[Rows, dict[st
     rows += [("", line) for line in str(description).splitlines()[1:]]
     rows += [(name.replace("_", " ").capitalize(), f"{value:g}") for name, value in counts.items()
              if value is not None]  # fmt: skip
-    if counts.get("binning", 1) > 1:
+    if (counts.get("binning") or 1) > 1:
         rows.append(("", "samples of a pixel along each axis; pixels of the camera are samples"))
     rows += [("Not given", sentence) for sentence in defaults]
     lengths = {row.name: row.value for row in description.rows}
