@@ -22,10 +22,12 @@ GIVEN = {
     "docs/batch.md",
     "docs/coherence.md",
     "docs/formats.md",
+    "docs/howto/compare_designs.md",
     "docs/howto/four_f_filter.md",
     "docs/howto/psf_of_a_lens.md",
     "docs/howto/stereo_and_lenticular.md",
     "docs/howto/white_image_not_found.md",
+    "docs/tutorials/exercises.md",
     "docs/tutorials/partial_coherence.md",
     "docs/tutorials/two_cameras.md",
 }
