@@ -289,6 +289,7 @@ def test_train_with_torch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     run([BRIDGES], ("", "thorough"), tmp_path, monkeypatch)
 
 
+@pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")  # imageio-ffmpeg keeps pipes
 @pytest.mark.thorough
 def test_the_blocks_of_long_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pages = [page for page in docpages.PAGES if page in LONG or has(page, "thorough")]
