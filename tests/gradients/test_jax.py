@@ -119,7 +119,7 @@ def test_copies_are_few(device, copies, size) -> None:
 
 def test_one_sentence_for_each_mistake(device) -> None:
     operator = Copied((5,), np.float32, device)
-    with pytest.raises(clplen.ShapeError, match=r"shape \(\.\.\., 5\), not \(5, 3\)"):
+    with pytest.raises(clplen.ShapeError, match=r"shape \(\.\.\., 5\), got \(5, 3\)"):
         gradients.apply(operator, jnp.ones((5, 3)))
     with pytest.raises(TypeError, match=r"of float32, got float16: pass x.astype\('float32'\)"):
         jax.jit(lambda x: gradients.apply(operator, x))(jnp.ones(5, jnp.float16))
