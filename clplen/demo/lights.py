@@ -30,13 +30,13 @@ from clplen.wave.field.intensity import add_scaled
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
-FOCUS = 0.40  # metres, from the main lens to the plane in focus
+FOCUS = 0.40  # distance of the plane in focus from the main lens, in metres
 LIGHTS_PER_THING = 80
-FIELD = 0.46  # half width of the scene's square, in widths of the array
-PLANES = 31  # of the focal stack and of the depth map
-MARGIN = 6  # pixels, from lights of another thing, of a thing's measured distance
+FIELD = 0.46  # half width of the scene over the width of the array
+PLANES = 31  # number of planes of the focal stack and of the depth map
+MIN_SEPARATION = 6  # pixels from other things at which the distance of a thing is read
 TITLE = "A heart, a star and a moon of lights"
-BRIGHT = 0.1  # share of the brightest pixel above which a pixel shows a light
+MIN_BRIGHTNESS = 0.1  # brightness of a light, relative to the brightest pixel
 FILES = (  # that `run` writes
     "demo.html", "depth.pfm", "depth.png", "lightfield.h5", "raw.png", "raw.tif", "refocused.png",
     "stack.tif", "tables.txt", "views.png",
@@ -118,7 +118,7 @@ STEPS = 5 + len(THINGS)  # of `run`
 
 
 def camera(device: Device, *, count: int = 101) -> Plenoptic1:
-    """Return a camera of 50 mm at f/5.6, focused at 0.4 m, with 9 x 9 pixels a lenslet."""
+    """Return a camera of 50 mm at f/4.9, focused at 0.4 m, with 9 x 9 pixels a lenslet."""
     lenslets = MicrolensArray(100e-6, 560e-6, count=count, fill="full")
     return PlenopticCamera.type1(
         focal_length=50e-3,
@@ -131,10 +131,14 @@ def camera(device: Device, *, count: int = 101) -> Plenoptic1:
     )
 
 
+def images_on_array(cam: Plenoptic1, thing: Thing) -> Array:
+    """Return the images (x, y) of the lights on the array in lenslets from the axis."""
+    return FIELD * cam.mla.count[0] * thing.lights()
+
+
 def sources(cam: Plenoptic1, thing: Thing) -> PointSources:
     """Return the lights of a thing in front of a camera, so that its pictures show it upright."""
-    half_width = FIELD * cam.mla.count[0] * cam.mla.pitch
-    positions = thing.lights() * half_width / float(cam.array_scale(thing.dz))
+    positions = images_on_array(cam, thing) * cam.mla.pitch / float(cam.array_scale(thing.dz))
     return PointSources(np.column_stack([positions, np.full(len(positions), thing.dz)]))
 
 
@@ -153,7 +157,7 @@ def estimate(cam: Plenoptic1, lf: LightField) -> tuple[DepthMap, Array]:
     margin = 0.3 * (farthest - nearest)
     depth = depth_map(lf, alphas=np.linspace(nearest - margin, farthest + margin, PLANES))
     brightness = lf.render().to_numpy()
-    bright = brightness > BRIGHT * brightness.max()
+    bright = brightness > MIN_BRIGHTNESS * brightness.max()
     return depth, np.where(bright, FOCUS + depth.z, np.nan)
 
 
@@ -162,14 +166,13 @@ def measured(cam: Plenoptic1, distances: Array) -> dict[str, float]:
     rows, columns = np.indices(distances.shape)
     near = {}
     for thing in THINGS:
-        half_width = FIELD * cam.mla.count[0]
-        positions = thing.lights() * half_width + (cam.mla.count[0] - 1) / 2
+        positions = images_on_array(cam, thing) + (cam.mla.count[0] - 1) / 2
         apart = [np.hypot(columns - x, rows - y) for x, y in positions]
         near[thing.name] = np.min(apart, axis=0)
     result = {}
     for name, apart in near.items():
         others = np.min([near[other] for other in near if other != name], axis=0)
-        result[name] = float(np.nanmedian(distances[(apart < 1) & (others > MARGIN)]))
+        result[name] = float(np.nanmedian(distances[(apart < 1) & (others > MIN_SEPARATION)]))
     return result
 
 
@@ -177,8 +180,10 @@ def camera_table(cam: Plenoptic1) -> str:
     """Return what the camera is made of, a line for each part with what it is for."""
     ny, nx = cam.mla.count
     pixels = round(cam.pixels_per_lenslet)
+    f_number = cam.focal_length / cam.aperture_diameter
+    lens = f"{1e3 * cam.focal_length:g} mm at f/{f_number:.2g}"
     rows = (
-        ("main lens", "50 mm at f/5.6", "forms an image on the array of lenslets"),
+        ("main lens", lens, "forms an image on the array of lenslets"),
         ("lenslets", f"{nx} x {ny}", "each sees one place of the image: a pixel of a picture"),
         ("behind each", f"{pixels} x {pixels} pixels", "each sees that place from one direction"),
         ("light field", f"{pixels} x {pixels} views", f"pictures of {nx} x {ny} pixels"),
@@ -268,7 +273,6 @@ def _distance_title() -> str:
 
 def _details(cam: Plenoptic1) -> dict[str, tuple[float, float]]:
     """Return a place (y, x) on the sensor in metres for each thing, on one of its lights."""
-    half_width = FIELD * cam.mla.count[0] * cam.mla.pitch
-    magnified = 1 + cam.lenslet_focal_length / cam.image_distance
-    positions = {thing.name: thing.lights()[0] * half_width * magnified for thing in THINGS}
+    pitch = cam.mla.pitch * (1 + cam.lenslet_focal_length / cam.image_distance)
+    positions = {thing.name: pitch * images_on_array(cam, thing)[0] for thing in THINGS}
     return {name: (float(y), float(x)) for name, (x, y) in positions.items()}

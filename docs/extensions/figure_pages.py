@@ -49,8 +49,8 @@ class Figure:
     @property
     def shows(self) -> str:
         """Its title without the number."""
-        words = re.sub(r"^Figure [\d.]+: ", "", self.title)
-        return words[:1].upper() + words[1:]
+        title = re.sub(r"^Figure [\d.]+: ", "", self.title)
+        return title[:1].upper() + title[1:]
 
     @property
     def chapter(self) -> str:
@@ -77,8 +77,8 @@ def figures() -> list[Figure]:
         run = runs[script]
         title = title.rstrip(".")
         settings = thumbnails[script]
-        words = re.sub(r"^[\d.]+ ", "", short)
-        label = settings.get("label", words[:1].upper() + words[1:])
+        stem = re.sub(r"^[\d.]+ ", "", short)
+        label = settings.get("label", stem[:1].upper() + stem[1:])
         subjects = tuple(settings["subjects"])
         figure = Figure(
             script, short, number, reference, title, run["seconds"], run["quick"], label, subjects
