@@ -19,6 +19,7 @@ from clplen.results import Plottable
 from clplen.units import both, metres
 
 Vector = np.ndarray[Any, np.dtype[np.floating[Any]]]
+MAX_INDEX = 10.0  # of a medium; larger values are mistaken units
 
 
 @dataclass(frozen=True, init=False)
@@ -155,9 +156,11 @@ class Field(Plottable, OnDevice):
     grid : Grid
         Positions of the samples.
     wavelength : float
-        Wavelength in metres.
+        Wavelength in vacuum, in metres.
     device : Device
         Device that holds the samples.
+    index : float
+        Refractive index of the medium, real and at least 1.
 
     Examples
     --------
@@ -176,10 +179,17 @@ class Field(Plottable, OnDevice):
     grid: Grid
     wavelength: float
     device: Device
+    index: float = 1.0
 
     @classmethod
     def from_array(
-        cls, u: Any, grid: Grid, *, wavelength: float, device: DeviceLike | None = None
+        cls,
+        u: Any,
+        grid: Grid,
+        *,
+        wavelength: float,
+        device: DeviceLike | None = None,
+        index: float = 1.0,
     ) -> Field:
         """Return the field of complex amplitudes on the host.
 
@@ -190,9 +200,11 @@ class Field(Plottable, OnDevice):
         grid : Grid
             Grid with the shape of the last two axes.
         wavelength : float
-            Wavelength in metres, positive.
+            Wavelength in vacuum, in metres, positive.
         device : Device or str, optional
             Device of the field; default ``Device.open()``.
+        index : float
+            Refractive index of the medium, real, from 1 to 10.
 
         Raises
         ------
@@ -200,10 +212,11 @@ class Field(Plottable, OnDevice):
             If the shapes of field and grid differ.
         ValueError
             If a sample is not finite (a Fourier transform would spread it over the whole field)
-            or the wavelength is not positive.
+            or the wavelength is not positive, or the index out of range.
         """
         require_grid(grid)
         device = as_device(device)
+        check_index(index)
         if not (isinstance(wavelength, Real) and 0 < wavelength < np.inf):
             raise ValueError(f"The wavelength must be positive, in metres, got {wavelength!r}.")
         units.WAVELENGTH.check(wavelength, "The wavelength")
@@ -220,13 +233,14 @@ class Field(Plottable, OnDevice):
                 f"The field has {bad} values that are NaN or infinite, which a propagation would "
                 "spread over all samples; replace them, for example by 0."
             )
-        return cls(data, grid, float(wavelength), device)
+        return cls(data, grid, float(wavelength), device, float(index))
 
     def __repr__(self) -> str:
         pitch = both(self.grid.pitch, metres)
+        medium = "" if self.index == 1 else f" in index {self.index:g}"
         return (
-            f"<Field {self.shape} {self.data.dtype}, {metres(self.wavelength)}, pitch {pitch}, "
-            f"{self.device.name}>"
+            f"<Field {self.shape} {self.data.dtype}, {metres(self.wavelength)}{medium}, "
+            f"pitch {pitch}, {self.device.name}>"
         )
 
     def __getitem__(self, index: int | tuple[int, ...]) -> Field:
@@ -273,6 +287,11 @@ class Field(Plottable, OnDevice):
         """Shape (..., ny, nx) of the samples."""
         return tuple(self.data.shape)
 
+    @property
+    def medium_wavelength(self) -> float:
+        """Wavelength in the medium, wavelength/index, in metres."""
+        return self.wavelength / self.index
+
     def to_numpy(self) -> np.ndarray[Any, Any]:
         """Return the complex amplitudes on the host, shape (..., ny, nx)."""
         return self.device.download(self.data)
@@ -303,6 +322,14 @@ class Field(Plottable, OnDevice):
 def require_field(field: object) -> None:
     """Raise a TypeError unless an object is a `Field`."""
     require(Field, field, "field", "Field.from_array or plane_wave")
+
+
+def check_index(index: object) -> None:
+    """Raise a ValueError unless a refractive index is real and from 1 to `MAX_INDEX`."""
+    if not (isinstance(index, Real) and 1 <= float(index) <= MAX_INDEX):
+        raise ValueError(
+            f"The refractive index must be a real number from 1 to {MAX_INDEX:g}, got {index!r}."
+        )
 
 
 def require_grid(grid: object) -> None:
