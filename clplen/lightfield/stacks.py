@@ -103,7 +103,7 @@ def focal_stack(
     memory: int | None = None,
     device: DeviceLike | None = None,
 ) -> FocalStack:
-    """Refocus a light field on many planes in one pass.
+    """Render a light field refocused on many planes in one pass.
 
     Every plane equals `refocus` (without rescaling).
 

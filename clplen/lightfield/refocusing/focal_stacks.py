@@ -101,7 +101,7 @@ def refocus(
     upsample: int = 1,
     device: DeviceLike | None = None,
 ) -> Image:
-    """Refocus a light field on another plane, or on a tilted or curved surface.
+    """Render a light field refocused on another plane, or on a tilted or curved surface.
 
     The picture is the weighted mean over the views of
 
